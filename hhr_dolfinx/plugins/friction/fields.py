@@ -53,12 +53,8 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
     for point in problem.parameters.random(2, seed=1):
         there = problem.at(point)
         theta = there.amplitudes(point)
-        found += [
-            field @ (there.stiffness @ field),
-            field @ (there.loads @ theta),
-            weights @ (there.contact @ field),
-            weights @ (there.gaps @ theta),
-        ]
+        found += [field @ (there.stiffness @ field), field @ (there.loads @ theta)]
+        found += [weights @ (there.contact @ field), weights @ (there.gaps @ theta)]
     return np.array(found)
 
 
@@ -142,8 +138,7 @@ class FrictionalFields:
     @cached_property
     def _pressing_outside(self) -> np.ndarray:
         """Normal conditions outside the RID."""
-        rows = self._elsewhere[0]
-        return rows[~np.isin(rows, self.friction.tangential)]
+        return np.setdiff1d(self._elsewhere[0], self.friction.tangential)
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), limited by the laws at a point, (N_lambda,)."""
@@ -212,13 +207,7 @@ class FrictionalFields:
         return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
 
     def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """Estimated relative error of forces; infinite if bodies overlap outside the RID.
-
-        Args:
-            inside: forces in the RID, (m,).
-            slack: of all conditions under the displacement, (N_lambda,).
-            scale: length by which the gap of each is measured, (N_lambda,).
-        """
+        """See :class:`InterfaceCompletion`; infinite if bodies overlap outside the RID."""
         deep = self.overlap(slack, scale)
         if deep > max(DEEP * self.depth, SHALLOW) or (deep > ROUND_OFF and not inside.any()):
             return math.inf

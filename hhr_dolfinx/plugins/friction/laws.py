@@ -127,14 +127,15 @@ class Friction(ContactLaw, Rebuilt):
             yield "spacings of contacts with friction are negative"
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
-        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit) if scalar is not None]
+        scalars = [scalar for scalar in self._scalars if scalar is not None]
         named = {scalar.names.index(name) for scalar in scalars for name in scalar.formula.variables}
         if not named <= set(self.fixed.tolist()):
             yield "a law of friction depends on a parameter that grows with the loads"
 
-    def pressures(self, rows: int) -> np.ndarray:
-        """Rows of pressures among so many rows."""
-        return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
+    @property
+    def _scalars(self) -> list[Scalar | None]:
+        """Coefficient and limit of each law."""
+        return [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`: all except tangential ones."""
@@ -157,8 +158,7 @@ class Friction(ContactLaw, Rebuilt):
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
-        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
-        texts = ["" if scalar is None else scalar.text for scalar in scalars]
+        texts = ["" if scalar is None else scalar.text for scalar in self._scalars]
         rows = [self.normal, self.area, self.law, self.tangential, self.owner, self.tangents, self.fixed, self.twice]
         return [*texts, *rows]
 
@@ -168,11 +168,7 @@ class Friction(ContactLaw, Rebuilt):
             yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Refuse a path along which bodies change their shape: slip is measured on one.
-
-        Raises:
-            ParameterError: with the parameter that changes.
-        """
+        """Refuse a path along which bodies change their shape, with ParameterError: slip is measured on one."""
         for place in self.shaped.tolist():
             if np.ptp(points[:, place]) > 0:
                 raise ParameterError(
@@ -183,8 +179,7 @@ class Friction(ContactLaw, Rebuilt):
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """See :class:`ContactLaw`."""
-        values = ("path", "work", "wear", "pressure", "bound")
-        of_contacts: dict[str, tuple[str, ...]] = {name: ("float", "frictional") for name in values}
+        of_contacts = {name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")}
         return {"position": ("float", "tangential"), **of_contacts, "statuses": ("int", "frictional")}
 
     @property
@@ -194,8 +189,7 @@ class Friction(ContactLaw, Rebuilt):
 
     def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
         """See :class:`ContactLaw`."""
-        found: dict[str, Any] = memory[SLIP]._asdict()
-        return found
+        return dict(memory[SLIP]._asdict())
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`ContactLaw`."""
@@ -209,11 +203,9 @@ class Friction(ContactLaw, Rebuilt):
 
     def bound_slopes(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero for infinite bounds."""
-        pairs = [[law.coefficient, law.limit] for law in self.laws]
         nothing = np.zeros(point.size)
-        slopes = np.array(
-            [[nothing if scalar is None else scalar.derivative(point) for scalar in pair] for pair in pairs]
-        )
+        found = [nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars]
+        slopes = np.array(found).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
     def slid(self, position: np.ndarray) -> np.ndarray:
@@ -226,26 +218,24 @@ class Friction(ContactLaw, Rebuilt):
         return np.where(active[self.normal], np.where(sticks, STICKS, SLIPS), OPEN)
 
     def within(self, conditions: np.ndarray) -> Friction:
-        """Friction of some conditions, (m,), in their order there.
-
-        Raises:
-            ValueError: for a contact some of whose rows are missing.
-        """
+        """Friction of some conditions, (m,), in their order there; ValueError if a contact lacks some of its rows."""
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
         if not (contacts[self.owner] == rows).all():
             raise ValueError("a pressure and its tangential rows go together")
-        order = np.argsort(conditions)
-        places = [
-            order[np.searchsorted(conditions, some, sorter=order)]
-            for some in (self.normal[contacts], self.tangential[rows], np.intersect1d(self.twice, conditions))
-        ]
-        owner = (np.cumsum(contacts) - 1)[self.owner[rows]]
         return replace(
-            self, normal=places[0], area=self.area[contacts],
-            spacing=self.spacing[contacts], law=self.law[contacts], tangential=places[1], owner=owner,
-            tangents=self.tangents[rows], twice=places[2],
+            self, normal=places_of(self.normal[contacts], conditions), area=self.area[contacts],
+            spacing=self.spacing[contacts], law=self.law[contacts],
+            tangential=places_of(self.tangential[rows], conditions),
+            owner=(np.cumsum(contacts) - 1)[self.owner[rows]], tangents=self.tangents[rows],
+            twice=places_of(np.intersect1d(self.twice, conditions), conditions),
         )  # fmt: skip
+
+
+def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
+    """Index of some conditions among others, in any order."""
+    order = np.argsort(conditions)
+    return order[np.searchsorted(conditions, some, sorter=order)]
 
 
 class SlipState(NamedTuple):
@@ -286,8 +276,8 @@ class SlipState(NamedTuple):
     ) -> SlipState:
         """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
 
-        Tangential slack is the slip of the increment. Bounds and pressures are averaged over the increment, which is
-        exact for proportional growth; a contact that opens has slipped half of the increment while closed.
+        Tangential slack is the slip of the increment. Bounds and pressures are averaged over it, which is exact for
+        proportional growth; a contact that opens has slipped half of the increment while closed.
         """
         slip = slack[friction.tangential]
         count = friction.normal.size

@@ -20,13 +20,9 @@ NOTHING = np.zeros(0)
 
 
 class RubbingStep:
-    """Solves the contact problems of one step with friction.
+    """Solves the contact problems of one step with friction from a slip state and contact forces, (m,), to a point, (P,).
 
-    Args:
-        model: equilibrium, with a :class:`Friction` as its law, and ``fields``.
-        point: parameter at the end of the step, (P,).
-        before: slip state before it.
-        forces: contact forces then, (m,).
+    The model is an equilibrium with a :class:`Friction` as its law.
     """
 
     def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):

@@ -76,10 +76,7 @@ class Solved(NamedTuple):
 class Slider:
     """Solves increments of one model; see :class:`~hhr_dolfinx.models.histories.increments.Increments`.
 
-    Args:
-        model: full or condensed, with a :class:`Friction` as its law, and ``contacts``, which makes the contact problem
-            of each point.
-        gradient: compute derivatives too.
+    The model is full or condensed, with a :class:`Friction` as its law; its ``contacts`` makes the contact problems.
 
     Attributes:
         friction: on the conditions of the model.
@@ -101,9 +98,13 @@ class Slider:
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies without slip."""
         forces = np.zeros(self.model.own_conditions)
-        changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
-        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
+        slip = SlipState.at_rest(self.surface.whole)
+        return Reached(point, time, forces, None, gap, slip, weights, self._no_changes)
+
+    @property
+    def _no_changes(self) -> np.ndarray:
+        return np.zeros((self.friction.tangential.size, len(self.model.parameters.names)))
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
         """State after a step that the full model solved before."""
@@ -114,8 +115,8 @@ class Slider:
         problem = self.model.problem.at(answer.parameter)
         slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
         gap = slack[self.friction.normal]
-        changes = np.zeros((self.friction.tangential.size, answer.parameter.size))
-        return Reached(answer.parameter, answer.time, forces, answer.active, gap, answer.memory[SLIP], weights, changes)
+        slip = answer.memory[SLIP]
+        return Reached(answer.parameter, answer.time, forces, answer.active, gap, slip, weights, self._no_changes)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""

@@ -28,7 +28,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.laws import Friction, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
@@ -72,7 +72,7 @@ class Sliding(NamedTuple):
     iterations: int
     sweeps: int
     status: Status
-    unsettled: np.ndarray
+    unsettled: np.ndarray = np.zeros(0, dtype=np.int64)
 
 
 class Increment(NamedTuple):
@@ -103,25 +103,16 @@ def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np
 
 
 class _Given(NamedTuple):
-    """Loads and friction bounds of an increment by rows.
-
-    Attributes:
-        slack, driving: as of :class:`Increment`.
-        coefficient, limit: of each tangential row, (T,).
-        plain: only finite coefficients bound tangential forces.
-        unforced: forces that would compensate the slack, row by row, (M,).
-        round_off: round-off of the slack, as a force.
-        label: key of the coefficients.
-    """
+    """Loads and friction bounds of an increment by rows."""
 
     slack: np.ndarray
     driving: np.ndarray
-    coefficient: np.ndarray
-    limit: np.ndarray
-    plain: bool
-    unforced: np.ndarray
-    round_off: float
-    label: bytes
+    coefficient: np.ndarray  # of each tangential row, (T,)
+    limit: np.ndarray  # the same
+    plain: bool  # only finite coefficients bound tangential forces
+    unforced: np.ndarray  # forces that would compensate the slack, row by row, (M,)
+    round_off: float  # of the slack, as a force
+    label: bytes  # key of the coefficients
 
 
 class _Iterate(NamedTuple):
@@ -140,12 +131,9 @@ class _Iterate(NamedTuple):
 
 
 class SlidingContact:
-    """The contact problem with friction on one S, for any number of increments; results are new arrays.
+    """The contact problem with friction on one S, (M, M), for any number of increments; results are new arrays.
 
-    Args:
-        schur: S of all rows, (M, M), not necessarily symmetric.
-        friction: which of the rows are tangential.
-        contact_of_motions: G = B R of rigid motions that only contact holds, (M, r); None without such motions.
+    ``contact_of_motions`` is G = B R of rigid motions that only contact holds, (M, r); None without such motions.
     """
 
     def __init__(self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None):
@@ -153,17 +141,17 @@ class SlidingContact:
         self.schur = schur = _softened(schur, friction)
         self.friction = friction
         self.contact_of_motions = np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
-        rows = friction.tangential
-        owner = friction.owner
-        self._rows = rows
-        self._owner = owner
+        rows = self._rows = friction.tangential
+        owner = self._owner = friction.owner
         self._normal = friction.normal[owner]  # row of pressure of each tangential row
-        self._pressures = friction.pressures(len(schur))
+        self._pressures = np.flatnonzero(friction.pressing(len(schur)))
         self._curved = np.bincount(owner, minlength=friction.normal.size)[owner] > 1
         self._turns = bool(self._curved.any())
         softness = np.abs(np.diag(schur)).copy()
         # the same for both directions of a contact: the projection is that on a disc
-        softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
+        largest = np.zeros(friction.normal.size)
+        np.maximum.at(largest, owner, softness[rows])
+        softness[rows] = largest[owner]
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
         unit = self.stiffness[:, None]
@@ -174,17 +162,14 @@ class SlidingContact:
         self._systems = SlidingSystems(self._problem)
 
     def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
-        """Solve an increment.
+        """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
 
-        Args:
-            given: its loads and bounds.
-            start: forces to start from, (M,): those of the previous increment.
-            active: statuses there, (M,) bool, with which the first system is solved; None derives them from the forces
-                and the loads.
+        The first system is solved with these statuses; None derives them from the forces and the loads.
         """
-        if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
-            return self._failed(given, start, Status.NOT_FINITE)
         motions = np.zeros(self.contact_of_motions.shape[1])
+        if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
+            nothing = np.zeros(len(start))
+            return Sliding(nothing, nothing != 0, given.slack, motions, 0, 0, Status.NOT_FINITE)
         own = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
@@ -228,11 +213,7 @@ class SlidingContact:
     def _newton(self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
         """Newton's method; the status is ``UNSETTLED`` if statuses repeat, or ``SINGULAR``.
 
-        Args:
-            given: loads and bounds of the increment.
-            start, motions: forces and motions to start from.
-            probe: of :data:`PROBES`.
-            old: steps may use factors of other statuses while they converge.
+        ``probe`` is one of :data:`PROBES`; ``old`` allows factors of other statuses while steps converge.
         """
         forces = start
         seen: set[bytes] = set()
@@ -277,8 +258,7 @@ class SlidingContact:
         """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters at constant statuses.
 
         Args:
-            given: loads and bounds of the increment.
-            found: its solution.
+            given, found: loads and bounds of the increment, and its solution.
             slack: derivatives of the slack at constant forces, (M, P).
             bounds: derivatives of coefficient and limit, (C, P) each.
             driving: derivatives of the loads along rigid motions, (r, P).
@@ -360,16 +340,9 @@ class SlidingContact:
         return bool((left <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
-        """Solve for forces and motions on some statuses and directions, (M + r,).
+        """Forces and motions on some statuses and directions, (M + r,); SingularError if they are undetermined.
 
-        Args:
-            given: loads and bounds of the increment.
-            at: the statuses.
-            near: approximate forces and motions, (M + r,): if only directions differ from the factored system they are
-                improved iteratively, which is cheaper.
-
-        Raises:
-            SingularError: if they are undetermined.
+        If only directions differ from the factored system, approximate ones, ``near``, are improved, which is cheaper.
         """
         statuses = at.statuses
         right = self._right_of(given, at)
@@ -394,13 +367,10 @@ class SlidingContact:
         return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
 
     def _right(self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
-        """Assemble the right-hand sides of all rows, (M + r, P).
+        """Right-hand sides of all rows, (M + r, P).
 
-        Args:
-            at: the statuses.
-            unforced: forces that would compensate the slack, row by row, (M, P).
-            known: tangential forces of slipping rows that do not follow a pressure, (T, P).
-            driving: loads along rigid motions, (r, P).
+        ``unforced``, (M, P), are forces that would compensate the slack, row by row, and ``known``, (T, P), those of
+        slipping rows that do not follow a pressure.
         """
         right = np.where(at.acting[:, None], unforced, 0.0)
         turning = at.slips & self._curved
@@ -421,15 +391,7 @@ class SlidingContact:
         slack[active] = 0.0
         forces = forces.copy()
         forces[~at.acting] = 0.0
-        nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED, nothing)
-
-    def _failed(self, given: Increment, start: np.ndarray, status: Status) -> Sliding:
-        none = np.zeros(len(start), dtype=bool)
-        nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(
-            np.zeros(len(start)), none, given.slack, np.zeros(self.contact_of_motions.shape[1]), 0, 0, status, nothing
-        )
+        return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED)
 
     def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
@@ -450,16 +412,11 @@ class SlidingContact:
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
         """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
-        push = (self.contact_of_motions**2).mean(axis=0)
+        motions = self.contact_of_motions
+        push = (motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
-        every = (unit * weak for weak in WEAKNESS)
-        return tuple(
-            (
-                one,
-                SlidingContact(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, self.friction),
-            )
-            for one in every
-        )
+        springs = (unit * weak for weak in WEAKNESS)
+        return tuple((one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction)) for one in springs)
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
         """Hold the bodies by weak springs, and update the ends of these, see :mod:`hhr_dolfinx.contact.floating`."""
@@ -499,16 +456,8 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
         return schur
     found = schur.copy()
     own = np.diag(schur)
-    order = np.argsort(friction.tangential)
-    places = order[np.searchsorted(friction.tangential, twice, sorter=order)]
-    pressure = friction.normal[friction.owner[places]]
+    pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]
     found[twice, twice] += ELASTIC_SLIP * np.where(own[twice] > 0, own[twice], own[pressure])
-    return found
-
-
-def _largest(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    found = np.zeros(count)
-    np.maximum.at(found, owner, values)
     return found
 
 

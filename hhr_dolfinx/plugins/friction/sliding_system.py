@@ -35,15 +35,9 @@ PART = 0.3
 """Part of the factored rows that may differ; with more, another system is factored."""
 FEW = 8
 """Number of rows that may always differ."""
-GIVEN = 0
-"""Code of a row with a given force."""
-HELD = 1
-"""Code of a row without slack."""
-UP = 2
-DOWN = 3
-"""Codes of rows that slip in one direction or the other, with a bound that follows the pressure."""
-TURNING = -1
-"""Code of a row that slips in space: its coefficients change each time."""
+TURNING, GIVEN, HELD, UP, DOWN = range(-1, 4)
+"""Codes of rows: that slip in space, whose coefficients change each time; with a given force; without slack; that slip
+in one direction or the other, with a bound that follows the pressure."""
 
 DEPENDENT = "the contacts that touch leave their forces undetermined"
 
@@ -98,15 +92,7 @@ class Statuses(NamedTuple):
 
 
 class SlidingSystem:
-    """Factors of the system on some statuses.
-
-    Args:
-        rows: the problem.
-        at: the statuses.
-
-    Raises:
-        SingularError: if it is singular.
-    """
+    """Factors of the system on some statuses; SingularError if it is singular."""
 
     def __init__(self, rows: Rows, at: Statuses):
         self._rows = rows
@@ -173,14 +159,9 @@ class SlidingSystem:
         return own
 
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
-        """Forces and amplitudes of rigid motions, (M + r, P).
+        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
 
-        Args:
-            right: right-hand sides of all rows, (M + r, P).
-            check: look for round-off of a singular system.
-
-        Raises:
-            SingularError: if they are undetermined.
+        SingularError if they are undetermined; only ``check`` looks for round-off of a singular system.
         """
         m = len(self._rows.scaled)
         known = right.copy()
@@ -195,8 +176,8 @@ class SlidingSystem:
         if known.any():
             own -= self._tested[:, :m] @ known[:m]
         unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
-        if check:
-            self._check(unknown, own)
+        if check and not _sound(self._matrix @ unknown - own, unknown, own):
+            raise SingularError(DEPENDENT)
         known[self._held] = unknown[: self.size]
         known[m:] = unknown[self.size + self._yielding.size :]
         if self._followers.size:
@@ -205,11 +186,6 @@ class SlidingSystem:
             turns = unknown[self.size : self.size + self._yielding.size]
             known[self._turning] += self._across[:, :, None] * turns[:, None]
         return known
-
-    def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
-        """Refuse a solution that is round-off of a singular system."""
-        if not _sound(self._matrix @ unknown - right, unknown, right):
-            raise SingularError(DEPENDENT)
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
         """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand sides, (M + r,)."""
@@ -227,11 +203,7 @@ def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
 
 
 class SlidingSystems:
-    """Solves systems of statuses one after another, with factors of a similar system while the differences are few.
-
-    Args:
-        rows: the problem.
-    """
+    """Solves systems of statuses in turn, with factors of a similar system while the differences are few."""
 
     def __init__(self, rows: Rows):
         self._rows = rows
@@ -243,11 +215,11 @@ class SlidingSystems:
         self._columns = np.empty((len(rows.scaled), rows.scaled.shape[1]))  # of the inverse, as rows
 
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
-        """Forces and amplitudes of rigid motions, (M + r,).
+        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
 
         Args:
             at: the statuses.
-            right: right-hand sides of all rows, (M + r,).
+            right: right-hand sides.
             label: key of the coefficients.
 
         Raises:
@@ -279,15 +251,15 @@ class SlidingSystems:
     def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
         """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not guarantee.
 
-        In a nearly singular system they may be round-off. Arguments are those of :meth:`solve`.
+        In a nearly singular system they may be round-off.
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
     def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
-        """Improve approximate forces and motions by factors of a system with other slip directions.
+        """Improve approximate unknowns, (M + r,), by factors of a system with other slip directions.
 
-        Arguments are those of :meth:`solve`, and ``unknowns``, (M + r,). None if the statuses differ.
+        None if the statuses differ.
         """
         codes = at.codes(self._rows)
         if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):

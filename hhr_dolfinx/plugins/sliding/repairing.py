@@ -125,10 +125,9 @@ class RepairingSlider(Slider):
         count = len(self._contact_at(point).free_slack)
         rows = self.friction.normal.size + self.friction.tangential.size
         nothing = np.zeros(count)
-        changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self.paired(nothing, nothing).gap
         slip = SlipState.at_rest(self.friction)
-        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, changes, nothing, nothing)
+        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, self._no_changes, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
