@@ -20,7 +20,7 @@ NOTHING = np.zeros(0)
 
 
 class RubbingStep:
-    """Solves the contact problems of one step with friction from a slip state and contact forces, (m,), to a point, (P,).
+    """Solves the contact problems of one step with friction from a slip state and forces, (m,), to a point, (P,).
 
     The model is an equilibrium with a :class:`Friction` as its law.
     """

@@ -120,7 +120,7 @@ class Slider:
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
-        time, point, weights = target
+        point = target.point
         contact = self._contact_at(point)
         of_motions = None if contact.floating is None else contact.floating.equalities.contact_of_motions
         if self._sliding is None or self._sliding.given is not contact.schur:
@@ -138,12 +138,17 @@ class Slider:
             changes = changes + np.where(
                 found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
             )
-        gap = found.slack[self.friction.normal]
+        return Solved(found, self._reached(target, found, slip, changes), contact, gradient)
+
+    def _reached(
+        self, target: Target, found: Sliding, slip: SlipState, changes: np.ndarray, *of_surfaces: np.ndarray
+    ) -> Reached:
+        """State at the end of an increment, whose forces count for the unit of errors."""
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
-        return Solved(
-            found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
-        )
+        gap = found.slack[self.friction.normal]
+        state = found.forces, found.active, gap, slip
+        return Reached(target.point, target.time, *state, target.weights, changes, *of_surfaces)
 
     def _gradient(
         self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact

@@ -55,17 +55,14 @@ NOTHING = 1e-12
 
 
 class Round(NamedTuple):
-    """Quality of one model of a greedy training.
-
-    Attributes:
-        answers: points, or paths, that it was trained on.
-        worst: largest indicator among the candidates.
-        middle: their median.
-    """
+    """Quality of one model of a greedy training."""
 
     answers: int
+    """Points, or paths, that it was trained on."""
     worst: float
+    """Largest indicator among the candidates."""
     middle: float
+    """Their median."""
 
 
 class Choice(NamedTuple):
@@ -80,14 +77,6 @@ class Choice(NamedTuple):
     points: np.ndarray
     rounds: tuple[Round, ...]
     recipe: Recipe
-
-
-def _check_family(family: object) -> None:
-    """StudyError for what is no family of paths; its type is imported only by trainings that have one."""
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-
-    if not isinstance(family, PathFamily):
-        raise StudyError(f"family = {family!r} of Greedy must be a PathFamily")
 
 
 @dataclass(frozen=True)
@@ -137,8 +126,11 @@ class Greedy:
             raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
         if not isinstance(self.recipe, Recipe | None):
             raise StudyError(f"recipe = {self.recipe!r} of Greedy must be a Recipe")
-        if self.family is not None:
-            _check_family(self.family)
+        if self.family is not None:  # the type is imported only by trainings that have one
+            from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+            if not isinstance(self.family, PathFamily):
+                raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
     def space(self, scene: Any) -> ParameterSpace:
         """Box of the points.
@@ -225,11 +217,9 @@ class Greedy:
 
     def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
         """Samplings of the first points, and of the candidates."""
-        start: Any = Lattice(20)
-        candidates: Any = Lattice(1000)
-        if self.family is None and full.problem.varies:
-            start = Sobol(-(-self.budget // 2))
-            candidates = Sobol(2048, seed=5)
+        varies = self.family is None and full.problem.varies
+        start = Sobol(-(-self.budget // 2)) if varies else Lattice(20)
+        candidates = Sobol(2048, seed=5) if varies else Lattice(1000)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
     def _recipe(self, full: FullOrderModel) -> Recipe:
@@ -263,16 +253,16 @@ class Greedy:
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
                 found = np.full((len(mine), 1), UNKNOWN)
             else:
-                found = score(model, known, self._answers(model, mine))
-                found = found.reshape(len(mine), -1) if len(mine) else np.zeros((0, 1))
+                if len(mine):
+                    found = score(model, known, self._answers(model, mine)).reshape(len(mine), -1)
                 found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
     def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
-            return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
-        return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
+            return list(model.solve_many(points, outside="ignore", raise_on_failure=False))
+        return [_marched(model, path) for path in self.family.paths(points)]
 
 
 def _marched(model: AnsweringModel, path: Any) -> Any:
@@ -323,18 +313,10 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
 def apart(
     candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of candidates with large values that are far from present points and from each other, (k,).
+    """Numbers of candidates, (n, P), with large values, (n,), far from present points, (S, P), and each other, (k,).
 
     The worst alone would be neighbours, which one answer improves all. So each value is weighted by the distance to the
-    nearest present or chosen point, over the average distance. Candidates that are present already are never
-    chosen.
-
-    Args:
-        candidates: (n, P).
-        values: their indicators, not negative, (n,).
-        known: present points, (S, P).
-        space: the box.
-        count: most numbers.
+    nearest present or chosen point, over the average distance. Candidates that are present already are never chosen.
     """
     lower, upper = np.array([space.lower, space.upper])
     scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
@@ -353,15 +335,7 @@ def apart(
 
 
 class KeptChoice:
-    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues.
-
-    Args:
-        folder: of the answers.
-        problem: digest of the problem that they solve, hexadecimal.
-        greedy: settings of the choice.
-        recipe: of its models.
-        space: the box, which is not part of a problem.
-    """
+    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues."""
 
     def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
         box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
@@ -382,11 +356,7 @@ class KeptChoice:
         return arrays["points"], [Round(*row) for row in rounds]
 
     def save(self, points: np.ndarray, rounds: list[Round]) -> None:
-        """Keep the choice so far.
-
-        Raises:
-            FileError: if the file cannot be written.
-        """
+        """Keep the choice so far; FileError if the file cannot be written."""
         counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
         arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
         write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)

@@ -49,11 +49,7 @@ class SlidingModel(KeptModel):
         self.advice: Mapping[Status, str] = ADVICE
 
     def for_file(self) -> SlidingModel:
-        """The model of plain data.
-
-        Raises:
-            NotOfferedError: for a base of full order.
-        """
+        """The model of plain data; NotOfferedError for a base of full order."""
         if not isinstance(self.base, KeptModel):
             raise NotOfferedError(f"a {type(self).__name__} of the full order cannot be kept in a file: {self.instead}")
         base = self.base.for_file()

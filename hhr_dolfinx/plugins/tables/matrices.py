@@ -134,7 +134,7 @@ def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
-    """Raise SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
+    """SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
     conditions, size = contact.shape
     if stiffness.shape != (size, size):
         raise SceneError(f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} dofs")
