@@ -142,25 +142,32 @@ class FrictionalFields:
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), limited by the laws at a point, (N_lambda,)."""
+        found, _, size, admitted, beyond = self._unlimited(inside, point)
+        share = np.divide(admitted, size, out=np.ones(size.size), where=beyond)
+        found[self.friction.tangential] *= share[self.friction.owner]
+        return found
+
+    def _unlimited(self, inside: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Fitted forces, open conditions; of tangential forces the size, the limit, and whether it is exceeded."""
         friction = self.friction
         found = self._fitted(inside)
-        found[self._lifted_off(found, inside)] = 0.0
-        size = self.sizes(found)
+        pressing = self._pressing_outside
+        # a pressure within the error of the fit is none
+        off = pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
+        found[off] = 0.0
+        size = friction.lengths(found[friction.tangential])
         admitted = bounds(*friction.bounds(point), found[friction.normal])
-        share = np.divide(admitted, size, out=np.ones(size.size), where=self._beyond(size, admitted))
-        found[friction.tangential] *= share[friction.owner]
-        return found
+        beyond = np.zeros(size.size, dtype=bool)
+        beyond[self.outside] = size[self.outside] > admitted[self.outside]
+        return found, off, size, admitted, beyond
 
     def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
         friction = self.friction
-        found, slopes = self._fitted(inside), self._fitted(changes)
-        off = self._lifted_off(found, inside)
-        found[off], slopes[off] = 0.0, 0.0
-        size = self.sizes(found)
+        found, off, size, admitted, beyond = self._unlimited(inside, point)
+        slopes = self._fitted(changes)
+        slopes[off] = 0.0
         coefficient, limit = friction.bounds(point)
-        admitted = bounds(coefficient, limit, found[friction.normal])
-        beyond = self._beyond(size, admitted)
         rows = friction.tangential[beyond[friction.owner]]
         owner = friction.owner[beyond[friction.owner]]
         of_coefficient, of_limit = friction.bound_slopes(point)
@@ -182,17 +189,6 @@ class FrictionalFields:
         found = np.empty((len(self.modes), *inside.shape[1:]))
         found[self.within] = inside
         found[rows] = per_force @ inside
-        return found
-
-    def _lifted_off(self, found: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Conditions outside the RID whose pressure is within the error of the fit."""
-        pressing = self._pressing_outside
-        return pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
-
-    def _beyond(self, size: np.ndarray, admitted: np.ndarray) -> np.ndarray:
-        """Contacts outside the RID whose fitted tangential force exceeds the limit, (C,) bool."""
-        found = np.zeros(size.size, dtype=bool)
-        found[self.outside] = size[self.outside] > admitted[self.outside]
         return found
 
     def misfit(self, inside: np.ndarray) -> float:
@@ -218,17 +214,12 @@ class FrictionalFields:
         rows = self._pressing_outside
         return float((-slack[rows] / scale[rows]).max(initial=0.0))
 
-    def sizes(self, forces: np.ndarray) -> np.ndarray:
-        """Magnitude of the tangential force of each contact, (C,)."""
-        squares = forces[self.friction.tangential] ** 2
-        return np.sqrt(np.bincount(self.friction.owner, squares, self.friction.normal.size))
-
     def active(self, inside: np.ndarray, forces: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Statuses of all conditions, (N_lambda,): of the RID as given, (m,) bool, and elsewhere from the forces."""
         friction = self.friction
         found = np.zeros(len(self.modes), dtype=bool)
         found[friction.normal] = forces[friction.normal] > 0
-        sticks = found[friction.normal] & (self.sizes(forces) < (1.0 - FULL) * bound)
+        sticks = found[friction.normal] & (friction.lengths(forces[friction.tangential]) < (1.0 - FULL) * bound)
         found[friction.tangential] = sticks[friction.owner]
         found[self.within] = inside
         return found

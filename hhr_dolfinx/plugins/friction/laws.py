@@ -32,12 +32,7 @@ SLIP = "slip"
 
 @dataclass(frozen=True)
 class FrictionLaw(Rebuilt):
-    """A law of friction whose constants are functions of the parameters.
-
-    Attributes:
-        coefficient: of Coulomb's law; None of Tresca's.
-        limit: of the tangential stress; None without one.
-    """
+    """A law of friction whose constants are functions of the parameters; None for one that it does not have."""
 
     coefficient: Scalar | None
     limit: Scalar | None
@@ -208,9 +203,9 @@ class Friction(ContactLaw, Rebuilt):
         slopes = np.array(found).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
-    def slid(self, position: np.ndarray) -> np.ndarray:
-        """Distance of each contact from where it was paired, by the slack of the tangential rows, (T,): (C,)."""
-        return np.sqrt(np.bincount(self.owner, position**2, self.normal.size))
+    def lengths(self, tangential: np.ndarray) -> np.ndarray:
+        """Magnitude of the vector of each contact, (C,), by its tangential rows, (T,)."""
+        return np.sqrt(np.bincount(self.owner, tangential**2, self.normal.size))
 
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
@@ -246,8 +241,7 @@ class SlipState(NamedTuple):
         path: length that each contact has slipped while closed, (C,).
         work: energy dissipated by friction there, (C,).
         wear: integral of the pressure along the slip, (C,): Archard's wear in depth per unit of his constant.
-        pressure: current force of its pressure, (C,).
-        bound: current largest tangential force, (C,).
+        pressure, bound: current force of its pressure, and largest tangential force, (C,).
         statuses: 0 open, 1 sticks, 2 slips, (C,).
     """
 
@@ -282,7 +276,7 @@ class SlipState(NamedTuple):
         slip = slack[friction.tangential]
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
-        slipped = friction.slid(slip)
+        slipped = friction.lengths(slip)
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)

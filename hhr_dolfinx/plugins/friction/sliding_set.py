@@ -227,7 +227,10 @@ class SlidingContact:
             balanced = self._balanced(given, forces)
             noise = TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
-                if old and not self._sound(given, at, forces, motions):
+                # a solution may be round-off of corrected factors
+                if old and not self._systems.holds(
+                    at.statuses, self._right_of(given, at), np.concatenate([forces, motions])
+                ):
                     break
                 return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
@@ -329,7 +332,7 @@ class SlidingContact:
         """Magnitude of the vector of each contact, on each of its tangential rows, (T,)."""
         if not self._turns:
             return np.abs(tangential)
-        return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
+        return self.friction.lengths(tangential)[self._owner]
 
     def _balanced(self, given: _Given, forces: np.ndarray) -> bool:
         """True if forces balance the loads along rigid motions."""
@@ -351,10 +354,6 @@ class SlidingContact:
             if nearer is not None:
                 return nearer
         return self._systems.solve(statuses, right, given.label)
-
-    def _sound(self, given: _Given, at: _Iterate, forces: np.ndarray, motions: np.ndarray) -> bool:
-        """False for a solution that is round-off of corrected factors."""
-        return self._systems.holds(at.statuses, self._right_of(given, at), np.concatenate([forces, motions]))
 
     def _right_of(self, given: _Given, at: _Iterate) -> np.ndarray:
         """Right-hand sides of an increment on some statuses, (M + r,)."""

@@ -92,7 +92,7 @@ class FarSliding:
         """
         self._largest = max(self._largest, float(slip.pressure.max(initial=0.0)))
         pressing = (slip.pressure > PRESSED * self._largest) & (friction.spacing > 0)
-        slid = friction.slid(slip.position)
+        slid = friction.lengths(slip.position)
         share = np.divide(slid, friction.spacing, out=np.zeros(slid.size), where=pressing)
         if self._said or not share.max(initial=0.0) > 1.0:
             return

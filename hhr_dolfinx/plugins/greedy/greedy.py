@@ -66,13 +66,7 @@ class Round(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Points chosen by a greedy training.
-
-    Attributes:
-        points: of the box, in the order in which they were chosen, (S, P).
-        rounds: of each model on the way.
-        recipe: of these models, for which the points were chosen.
-    """
+    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and their recipe."""
 
     points: np.ndarray
     rounds: tuple[Round, ...]
@@ -133,11 +127,7 @@ class Greedy:
                 raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
     def space(self, scene: Any) -> ParameterSpace:
-        """Box of the points.
-
-        Raises:
-            StudyError: for a family with elastic bodies, none with inelastic ones, or one of another scene.
-        """
+        """Box of the points; StudyError for a family with elastic bodies or of another scene, or none with inelastic ones."""
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
             raise StudyError(
@@ -286,14 +276,10 @@ def _chosen(
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the errors that are largest after the directions of those chosen before are removed, (k,).
+    """Numbers of the errors, (n, k), that are largest without the directions of those chosen before, up to ``count``.
 
     One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half
     the error of as many chosen by size and distance.
-
-    Args:
-        errors: of each candidate, (n, k).
-        count: most numbers.
     """
     left = errors.copy()
     chosen = list[int]()

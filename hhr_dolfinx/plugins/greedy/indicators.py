@@ -45,11 +45,7 @@ class GreedyIndicator(Protocol):
     """Estimate of the errors of answers."""
 
     def prepared(self, full: FullOrderModel) -> Score:
-        """Prepare the indicator: compute all that does not depend on a reduced model.
-
-        Raises:
-            StudyError: for an unsuitable full model.
-        """
+        """Compute all that does not depend on a reduced model; StudyError for an unsuitable full model."""
 
 
 def _refuse_flow(full: FullOrderModel, name: str) -> None:
@@ -77,18 +73,17 @@ class LargestEstimate:
         return score
 
     def _of(self, item: Answer | History, full: FullOrderModel) -> float:
-        answers = item.answers if isinstance(item, History) else [item]
-        return max(self._of_answer(answer, full) for answer in answers)
-
-    def _of_answer(self, answer: Answer, full: FullOrderModel) -> float:
-        if not answer.converged:
-            return NO_ANSWER
-        estimate = answer.estimate()
-        if estimate is None:
-            raise StudyError(
-                f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
-            )
-        return max(estimate.primal_relative, estimate.dual_relative)
+        found = []
+        for answer in item.answers if isinstance(item, History) else [item]:
+            if not answer.converged:
+                return NO_ANSWER
+            estimate = answer.estimate()
+            if estimate is None:
+                raise StudyError(
+                    f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+                )
+            found.append(max(estimate.primal_relative, estimate.dual_relative))
+        return max(found)
 
 
 @dataclass(frozen=True)

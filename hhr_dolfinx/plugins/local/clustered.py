@@ -69,7 +69,6 @@ class LocalFacts:
 
     Attributes:
         points: all training points, (S, P), including those added later; empty during the construction.
-        members: the models.
         splits: splits with their reasons, in words.
         missed: models that miss their targets, with the reasons, in words.
     """

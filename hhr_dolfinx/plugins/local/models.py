@@ -213,11 +213,7 @@ class LocalModels(KeptModel):
         return iter(())
 
     def model_of(self, answer: Answer) -> int:
-        """Number of the model that gave an answer.
-
-        Raises:
-            ReductionError: if none of the models gave the answer.
-        """
+        """Number of the model that gave an answer; ReductionError if none did."""
         for number, model in enumerate(self.models):
             if model.fields is answer.fields:
                 return number

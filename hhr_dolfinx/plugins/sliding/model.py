@@ -30,12 +30,8 @@ class SlidingModel(KeptModel):
     """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.plugins.sliding.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``. Its ``slip`` has
-    pressures, slip, wear and sticking of the slave nodes.
-
-    Args:
-        base: full or condensed, with a row for each dof of the surfaces.
-        pairs: the surfaces.
-        law: friction, whose contacts are the slave nodes, pair by pair.
+    pressures, slip, wear and sticking of the slave nodes, which are the contacts of its law, pair by pair. The ``base``
+    is full or condensed, with a row for each dof of the surfaces.
     """
 
     kept = ("base", "pairs", "law")

@@ -93,11 +93,7 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with given M_a and alpha; with ``sigma_min`` as printed, and without it if it is None.
-
-    Raises:
-        BoundError: for constants that are not positive.
-    """
+    """Constants with given M_a and alpha; with ``sigma_min`` as printed. BoundError if they are not positive."""
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
         raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
     used = {name: given for name in sharp}
@@ -128,11 +124,9 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
 
 
 def check_models(full: FullModel, model: ReducedModel) -> None:
-    """Refuse models that the theorems are not on.
+    """Refuse models that the theorems are not on, by BoundError with the hypothesis that fails.
 
-    Raises:
-        BoundError: with the hypothesis that fails.
-        ReductionError: for a model without a record of its construction, or of another full model.
+    ReductionError for a model without a record of its construction, or of another full model.
     """
     problem = full.problem
     if full.equilibrium is not None:

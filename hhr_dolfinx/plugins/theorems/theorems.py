@@ -91,11 +91,7 @@ class ImposedInterface:
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
     def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
-        """Solution on A, (|A|,), with imposed values on the interface from a field, (N,).
-
-        Raises:
-            BoundError: if the statuses do not converge.
-        """
+        """Solution on A, (|A|,), with the interface values of a field, (N,); BoundError without convergence."""
         sets = self.domain.sets
         lift = field.copy()
         lift[sets.A] = 0.0

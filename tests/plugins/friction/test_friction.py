@@ -629,14 +629,14 @@ def test_the_coupling_bounds_what_friction_couples(directions):
         coefficient = rng.random(friction.normal.size) + 0.1
         found = coupling(schur, friction, coefficient)
         for e in rng.normal(size=(20, m)):
-            slipped = friction.slid((schur @ e)[friction.tangential])
+            slipped = friction.lengths((schur @ e)[friction.tangential])
             assert coefficient @ (np.abs(e[friction.normal]) * slipped) <= found * (e @ schur @ e) * (1 + 1e-12)
         if friction.normal.size == 1:
             inverse, along = np.linalg.inv(schur)[friction.normal], schur[friction.tangential][:, friction.tangential]
             value, vectors = np.linalg.eigh(along)
             e = inverse[0] / np.sqrt(inverse[0, friction.normal[0]])
             e[friction.tangential] += vectors[:, -1] / np.sqrt(value[-1])
-            most = coefficient[0] * abs(e[friction.normal[0]]) * friction.slid((schur @ e)[friction.tangential])[0]
+            most = coefficient[0] * abs(e[friction.normal[0]]) * friction.lengths((schur @ e)[friction.tangential])[0]
             assert found == pytest.approx(2 * most / (e @ schur @ e), rel=1e-9)
 
 
