@@ -11,7 +11,15 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
 from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
-from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.models.estimates import (
+    FORCES,
+    check_asked,
+    check_of_forces,
+    check_word,
+    known_error,
+    relative_error,
+    relative_errors,
+)
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
@@ -22,8 +30,10 @@ from hhr_dolfinx.warn import collected, repeat
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.answer import CheckedStart, Start
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.parameters import PointsLike
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _log = logging.getLogger(__name__)
 
@@ -304,3 +314,42 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
             raise ReductionError(
                 f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"
             )
+
+
+def safe_model(
+    training: Any,
+    tolerance: float = 0.01,
+    *,
+    of: str | None = None,
+    recipe: Recipe | None = None,
+    checked: bool = True,
+) -> FallbackModel | CondensedModel:
+    """Build a model whose answers all have errors within a tolerance.
+
+    For elastic bodies of constant stiffness without friction it is the condensed model, which is exact. Else it is a
+    reduced model that calls the full one if its error may exceed the tolerance.
+
+    Args:
+        training: the full model with its answers.
+        tolerance: largest relative error of any answer.
+        of: quantity of the error: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
+            error of a nodal pressure over the peak pressure; ``displacement``, in energy; or an output, by its name.
+            None takes displacement and forces, both in energy: errors of nodal forces and pressures are then ten or
+            more times larger.
+        recipe, checked: of the reduced model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+
+    Raises:
+        BoundError: if answers of the reduced model have no bound.
+        ParameterError: for an invalid tolerance, an unknown quantity, or an output without a bound.
+    """
+    there = training.everywhere
+    full = there.full_order
+    # before a model is built, which takes long
+    check_allowance(tolerance)
+    check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
+    if full.law.remembers:
+        check_of_forces(of)
+    elif full.equilibrium is None and not full.problem.varies:
+        # an estimate solves the exact problem on S: the condensed model answers with it, and is faster
+        return training.condense()
+    return FallbackModel(there.build(recipe, checked=checked), full, tolerance, of=of)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -109,6 +109,8 @@ class Tresca(_Tangential):
 
 
 Law = Coulomb | Tresca
+STICK = 0.1
+"""Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of pressures."""
 
 
 def law_of(friction: Any, what: str) -> Law | None:
@@ -126,3 +128,20 @@ def law_of(friction: Any, what: str) -> Law | None:
             f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
             "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
         ) from None
+
+
+class FrictionDeck:
+    """Facet ``deck`` of friction, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
+
+    def limited(self, law: Law) -> bool:
+        """True with a limit of the tangential stress."""
+        return law.limit is not None
+
+    def lines(self, law: Law, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
+        """Coefficient of friction, unless it is zero, which CalculiX refuses."""
+        coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
+        if coefficient > 0.0:
+            yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
+
+
+DECK = FrictionDeck()

@@ -127,7 +127,7 @@ class Greedy:
                 raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
     def space(self, scene: Any) -> ParameterSpace:
-        """Box of the points; StudyError for a family with elastic bodies or of another scene, or none with inelastic ones."""
+        """Box of the points; StudyError for a family that does not fit the scene, or none with inelastic bodies."""
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
             raise StudyError(
