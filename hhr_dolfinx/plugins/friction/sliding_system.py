@@ -49,8 +49,7 @@ class Rows(NamedTuple):
         scaled: S, followed by the effect of rigid motions on the slack, with rows multiplied by the factor that gives
             them the unit of forces: otherwise products with given forces cancel, (M, M + r).
         balance: resultants of forces along rigid motions, (r, M).
-        tangential: tangential rows, contact by contact, (T,).
-        normal: row of the pressure of each, (T,).
+        tangential, normal: tangential rows, contact by contact, and the row of the pressure of each, (T,).
         curved: True for rows of contacts that slip in two directions, (T,) bool.
     """
 
@@ -109,23 +108,23 @@ class SlidingSystem:
         self._along = at.direction[turning].reshape(-1, 2)
         self._across = self._along[:, ::-1] * (-1.0, 1.0)
         self._yielding = at.shrunk[turning][::2]
-        self._measure = at.measure
+        self._turns = slice(self.size, self.size + self._yielding.size)  # unknowns of turning contacts
         m = len(rows.scaled)
         moving = np.arange(m, m + len(rows.balance))
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
-        self._tested = self._tested_rows()
+        self._tested = self._tested_rows(at.measure)
         self._matrix = self._assembled()
         if self._matrix.size:  # LAPACK refuses empty matrices
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
                 raise SingularError(DEPENDENT)
 
-    def _tested_rows(self) -> np.ndarray:
+    def _tested_rows(self, measure: float) -> np.ndarray:
         """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k + r, M + r)."""
         every = self._rows.scaled
         parts = [every[self._held]]
         if self._yielding.size:
-            weights = (self._measure * self._yielding)[:, None] * self._across
+            weights = (measure * self._yielding)[:, None] * self._across
             first, second = self._turning.T
             parts.append(weights[:, :1] * every[first] + weights[:, 1:] * every[second])
         balance = self._rows.balance
@@ -136,14 +135,7 @@ class SlidingSystem:
     def _assembled(self) -> np.ndarray:
         """R^T S E, bordered by rigid motions, (k + r, k + r)."""
         m = len(self._rows.scaled)
-        found = self._expanded(self._tested[:, :m])
-        if self._yielding.size:
-            turned = np.arange(self.size, self.size + self._yielding.size)
-            found[turned, turned] += 1.0 - self._yielding
-        return np.concatenate([found, self._tested[:, m:]], axis=1) if len(self._rows.balance) else found
-
-    def _expanded(self, values: np.ndarray) -> np.ndarray:
-        """Multiply rows by E, (p, M) to (p, k)."""
+        values = self._tested[:, :m]
         own = values[:, self._held]
         if self._followers.size:
             place = np.searchsorted(self._held, self._leaders)
@@ -152,11 +144,16 @@ class SlidingSystem:
             for part in (~second, second):  # two rows of one contact follow the same pressure
                 if part.any():
                     own[:, place[part]] += values[:, self._followers[part]] * self._share[part, 0]
+        parts = [own]
         if self._yielding.size:
-            first, second = self._turning.T
-            across = values[:, first] * self._across[:, 0] + values[:, second] * self._across[:, 1]
-            own = np.concatenate([own, across], axis=1)
-        return own
+            one, two = self._turning.T
+            across = values[:, one] * self._across[:, 0] + values[:, two] * self._across[:, 1]
+            turned = np.arange(self._yielding.size)
+            across[self.size + turned, turned] += 1.0 - self._yielding
+            parts.append(across)
+        if len(self._rows.balance):
+            parts.append(self._tested[:, m:])
+        return np.concatenate(parts, axis=1) if len(parts) > 1 else own
 
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
@@ -172,19 +169,18 @@ class SlidingSystem:
             pairs = right[self._turning]  # (contacts, 2, P)
             along, across = ((pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across))
             known[self._turning] = self._along[:, :, None] * along[:, None]
-            own[self.size : self.size + len(across)] = across
+            own[self._turns] = across
         if known.any():
             own -= self._tested[:, :m] @ known[:m]
         unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
         if check and not _sound(self._matrix @ unknown - own, unknown, own):
             raise SingularError(DEPENDENT)
         known[self._held] = unknown[: self.size]
-        known[m:] = unknown[self.size + self._yielding.size :]
+        known[m:] = unknown[self._turns.stop :]
         if self._followers.size:
             known[self._followers] += self._share * known[self._leaders]
         if self._yielding.size:
-            turns = unknown[self.size : self.size + self._yielding.size]
-            known[self._turning] += self._across[:, :, None] * turns[:, None]
+            known[self._turning] += self._across[:, :, None] * unknown[self._turns][:, None]
         return known
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:

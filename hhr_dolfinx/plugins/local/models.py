@@ -136,7 +136,7 @@ class Choice:
                 found.append((label, least, most))
                 continue
             # a cut may lie outside of the box
-            corners[low], corners[high] = halves(least, most, axis, min(max(cut, least[axis]), most[axis]))
+            corners[low], corners[high] = halves_of(least, most, axis, min(max(cut, least[axis]), most[axis]))
         return found
 
     def reaching(self, reach: np.ndarray) -> Choice:
@@ -144,7 +144,7 @@ class Choice:
         return replace(self, reach=np.asarray(reach, dtype=float))
 
 
-def halves(
+def halves_of(
     lower: np.ndarray, upper: np.ndarray, axis: int, cut: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Corners, (P,), of the boxes below and above a cut."""

@@ -21,7 +21,7 @@ from hhr_dolfinx.plugins.local.clustered import (
     sizes_of,
     together,
 )
-from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels, halves
+from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels, halves_of
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Record
@@ -140,7 +140,9 @@ class _Run:
         """The halves of a part that is too large for one model; empty if its model was built."""
         room = len(self.models) + waiting + 2 <= self.settings.most
         settings = self.settings
-        self._filled(part)
+        missing = LEAST - self._inside(part, 0.0).size
+        if missing > 0:  # to separate its halves
+            self._learn(self._drawn(part, missing))
         added = 0
         for left in range(settings.rounds, -1, -1):
             rows = self._inside(part, settings.overlap)
@@ -249,7 +251,7 @@ class _Run:
         self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
         self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {error}")
         modes = part.modes if np.isnan(error.modes) else error.modes
-        boxes = halves(part.lower, part.upper, axis, cut)
+        boxes = halves_of(part.lower, part.upper, axis, cut)
         return [_Part(first + k, *box, modes, part.stuck) for k, box in enumerate(boxes)]
 
     def _inside(self, part: _Part, overlap: float) -> np.ndarray:
@@ -261,12 +263,6 @@ class _Run:
     def _drawn(self, part: _Part, count: int) -> np.ndarray:
         """Random points of a part, (count, P)."""
         return part.lower + self.rng.random((count, len(part.lower))) * (part.upper - part.lower)
-
-    def _filled(self, part: _Part) -> None:
-        """Ensure that a part has enough snapshots to separate its halves."""
-        missing = LEAST - self._inside(part, 0.0).size
-        if missing > 0:
-            self._learn(self._drawn(part, missing))
 
     def _learn(self, points: np.ndarray) -> None:
         """Solve the full model for this part and for its neighbours."""
