@@ -29,18 +29,15 @@ class _Tangential(PairLaw):
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """See :class:`PairLaw`."""
         return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
 
     @property
     def words(self) -> str:
-        """See :class:`PairLaw`."""
         parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
         parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(parts)
 
     def check(self, scene: LawfulScene, what: str) -> None:
-        """See :class:`PairLaw`."""
         FrictionLaw.of(self, scene.parameters, what)
         if scene.shapes and self.limit is not None:
             raise SceneError(
@@ -130,18 +127,16 @@ def law_of(friction: Any, what: str) -> Law | None:
         ) from None
 
 
-class FrictionDeck:
-    """Facet ``deck`` of friction, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
+class _Deck:
+    """Facet ``deck``, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
 
     def limited(self, law: Law) -> bool:
-        """True with a limit of the tangential stress."""
         return law.limit is not None
 
     def lines(self, law: Law, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
-        """Coefficient of friction, unless it is zero, which CalculiX refuses."""
         coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
-        if coefficient > 0.0:
+        if coefficient > 0.0:  # CalculiX refuses zero
             yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
 
 
-DECK = FrictionDeck()
+DECK = _Deck()

@@ -46,16 +46,14 @@ def with_friction(**changes: Any) -> Recipe:
     return Recipe(**({"basis": Pod(1e-10)} | usual | changes))
 
 
-class FrictionReduction(Reduction):
-    """See :class:`~hhr_dolfinx.reduction.interface.Reduction`."""
-
+class _Reduction(Reduction):
     def recipes(self) -> tuple[Recipe, ...]:
         """With more enrichment if contact rows are dependent."""
         usual = with_friction()
         return usual, replace(usual, enrichment=FURTHER)
 
 
-REDUCTION = FrictionReduction()
+REDUCTION = _Reduction()
 
 
 def check_forces(draft: Draft) -> None:

@@ -1,4 +1,4 @@
-"""Facet ``steps`` of friction: increments, steps of inelastic bodies, and the check of sliding distances."""
+"""Facet ``steps`` of friction, see :class:`~hhr_dolfinx.models.histories.steps.Steps`."""
 
 from __future__ import annotations
 
@@ -18,37 +18,29 @@ from hhr_dolfinx.plugins.friction.slider import Slider
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 
-class FrictionSteps(Steps):
-    """See :class:`~hhr_dolfinx.models.histories.steps.Steps`."""
-
+class _Steps(Steps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        """Increments with slip in a straight line."""
         return Slider(model, settings.gradient)
 
     def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
-        """See :class:`~hhr_dolfinx.plugins.friction.rubbing_step.RubbingStep`."""
         from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
         return RubbingStep(model, point, before.memory[SLIP], before.multipliers)
 
     def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
-        """Newton's method with an increment of friction instead of the active set."""
         from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
 
         return RubbingFlowStepper(model, settings)
 
     def at_rest(self, model: Any) -> Memory:
-        """No slip."""
         return Memory(slip=SlipState.at_rest(Surface.of(model).whole))
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
-        """Check of the sliding distance."""
         far = FarSliding()
         friction = Surface.of(model).whole
         return lambda answer: far.check(friction, answer.memory[SLIP], model.parameters.described(answer.parameter))
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
-        """See :mod:`hhr_dolfinx.plugins.friction.uniqueness`."""
         if model.equilibrium is not None:  # each linearisation has another S
             return np.nan
         from hhr_dolfinx.plugins.friction.uniqueness import coupling
@@ -58,8 +50,7 @@ class FrictionSteps(Steps):
         return np.nan if contact.floating is not None else coupling(contact.schur, model.law, coefficient)
 
     def known_error(self, known: str) -> str:
-        """The error is that of one of several answers."""
         return f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one answer'"
 
 
-STEPS = FrictionSteps()
+STEPS = _Steps()

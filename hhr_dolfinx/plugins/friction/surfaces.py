@@ -27,7 +27,7 @@ class Surface:
     @classmethod
     def of(cls, model: Any) -> Surface:
         """Surface of a model or an equilibrium, by its law and its fields."""
-        return Surface(model.law) if model.fields.interface is None else PartSurface(model.fields)
+        return Surface(model.law) if model.fields.interface is None else _PartSurface(model.fields)
 
     def position(self, slip: SlipState) -> np.ndarray:
         """Position of the tangential rows that a model solves for, (T,)."""
@@ -41,7 +41,7 @@ class Surface:
         return before.after(self.whole, found.forces, found.slack, found.active, bound)
 
 
-class PartSurface(Surface):
+class _PartSurface(Surface):
     """Surface of a hyper-reduced model, at one shape; contacts outside its RID follow the displacement."""
 
     def __init__(self, fields: Any):
@@ -50,13 +50,11 @@ class PartSurface(Surface):
         super().__init__(self._frictional.friction)
 
     def position(self, slip: SlipState) -> np.ndarray:
-        """See :class:`Surface`."""
         return slip.position[self._frictional.own]
 
     def after(
         self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
     ) -> SlipState:
-        """See :class:`Surface`."""
         parts = self._frictional
         friction = parts.friction
         slack = np.zeros(self._fields.conditions)

@@ -7,7 +7,6 @@ normal: B U <= D of thesis (1.27) gains rows whose slack decreases by the relati
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
+from hhr_dolfinx.contact.law import MeshArrays
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
@@ -107,13 +107,8 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     return np.where(np.isfinite(found) & [len(own) > 0 for own in partners], found, 0.0)
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """Nodes, (nodes, dim), nodes of each cell, (cells, k), and degree of the displacement."""
-
-    points: np.ndarray
-    cells: np.ndarray
-    order: int = 1
+class Mesh(MeshArrays):
+    """Nodes and cells, with their neighbours."""
 
     @cached_property
     def bodies(self) -> np.ndarray:
