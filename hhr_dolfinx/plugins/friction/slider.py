@@ -183,7 +183,7 @@ class Slider:
     def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
         """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
         closing = np.linalg.norm([self.held(before, half.reached), self.held(half.reached, second.reached)])
-        off = np.linalg.norm(self.forces(second) - self.forces(whole)) + closing
+        off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
         work = float(second.reached.slip.work.sum())
         change = abs(work - float(whole.reached.slip.work.sum()))
         return max(float(off) / (self.largest or 1.0), change / (work + WORK * self.energy or 1.0))
@@ -204,10 +204,6 @@ class Slider:
         if not found.unsettled.size:
             return {}
         return {found.status: f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"}
-
-    def forces(self, solved: Solved) -> np.ndarray:
-        """Forces by which two increments are compared, (M,)."""
-        return solved.found.forces
 
     def elastic_energy(self, solved: Solved) -> float:
         """Elastic energy of contact forces."""
