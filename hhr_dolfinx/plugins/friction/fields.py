@@ -60,26 +60,17 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FrictionalFields:
-    """Completion of forces and statuses of contacts with friction.
+    """Completion of forces and statuses of contacts with friction."""
 
-    Attributes:
-        friction: of the whole contact surface.
-        within: conditions of the RID, (m,).
-        modes: POD modes of the forces of training, (N_lambda, modes).
-        mark: fingerprint of the full model, see :func:`mark_of`.
-        fit: amplitudes of the modes per force in the RID, (modes, m).
-        share: relative error of forces per part of them that no mode explains; 95 % of the training increments stay
-            below. At least 1, and 1 without training increments.
-        depth: deepest overlap outside the RID in training increments, over the gap scale of its condition.
-    """
-
-    friction: Friction
-    within: Annotated[Integers, "m", "< N_lambda"]
-    modes: Annotated[Floats, "N_lambda", "force modes"]
-    fit: Annotated[Floats, "force modes", "m"]
-    mark: Annotated[Floats, "8"]
+    friction: Friction  # of the whole contact surface
+    within: Annotated[Integers, "m", "< N_lambda"]  # conditions of the RID, (m,)
+    modes: Annotated[Floats, "N_lambda", "force modes"]  # POD modes of the forces of training
+    fit: Annotated[Floats, "force modes", "m"]  # amplitudes of the modes per force in the RID
+    mark: Annotated[Floats, "8"]  # fingerprint of the full model, see :func:`mark_of`
     share: float = 1.0
-    depth: float = 0.0
+    """Relative error of forces per part of them that no mode explains; 95 % of the training increments stay below. At
+    least 1, and 1 without training increments."""
+    depth: float = 0.0  # deepest overlap outside the RID in training increments, over the gap scale of its condition
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of an indicator that would report too small errors."""

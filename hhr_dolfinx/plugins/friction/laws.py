@@ -66,24 +66,7 @@ def _scalar(value: float | str | None, space: ParameterSpace, called: str) -> Sc
 
 @dataclass(frozen=True)
 class Friction(ContactLaw, Rebuilt):
-    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows).
-
-    Attributes:
-        normal: row of the pressure of each contact, (C,).
-        area: its tributary area, (C,).
-        spacing: largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an
-            obstacle, which is the same everywhere, and if rows are updated.
-        law: index of its law in ``laws``, (C,).
-        tangential: tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed.
-        owner: contact of each of them, (T,).
-        tangents: its unit vector, (T, dim).
-        laws: of the pairs.
-        fixed: indices of the parameters on which laws, moduli or shapes depend: they are constant while loads grow in
-            proportion.
-        shaped: indices of the parameters of shapes, which are constant along a path.
-        twice: tangential rows with undetermined forces, numbers of rows, (k,): rows that other conditions on the same
-            nodes repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
-    """
+    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows)."""
 
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
@@ -91,17 +74,23 @@ class Friction(ContactLaw, Rebuilt):
     floats: ClassVar[bool] = True
     reshapes: ClassVar[bool] = True
 
-    normal: Annotated[Integers, "frictional"]
-    area: Annotated[Floats, "frictional"]
+    normal: Annotated[Integers, "frictional"]  # row of the pressure of each contact, (C,)
+    area: Annotated[Floats, "frictional"]  # its tributary area, (C,)
     spacing: Annotated[Floats, "frictional"]
-    law: Annotated[Integers, "frictional"]
+    """Largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an obstacle, which
+    is the same everywhere, and if rows are updated."""
+    law: Annotated[Integers, "frictional"]  # index of its law in ``laws``, (C,)
     tangential: Annotated[Integers, "tangential"]
-    owner: Annotated[Integers, "tangential"]
-    tangents: Annotated[Floats, "tangential", "dimension"]
-    laws: tuple[FrictionLaw, ...]
+    """Tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed."""
+    owner: Annotated[Integers, "tangential"]  # contact of each of them, (T,)
+    tangents: Annotated[Floats, "tangential", "dimension"]  # its unit vector, (T, dim)
+    laws: tuple[FrictionLaw, ...]  # of the pairs
     fixed: Annotated[Integers, "fixed parameters"]
-    shaped: Annotated[Integers, "shaping parameters"]
+    """Indices of the parameters of laws, moduli or shapes: they are constant while loads grow in proportion."""
+    shaped: Annotated[Integers, "shaping parameters"]  # indices of those of shapes, which are constant along a path
     twice: Annotated[Integers, "said twice"]
+    """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes repeat, as in
+    corners, and rows along which all nodes are imposed, whose slip is given."""
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Missing or unsorted rows."""
@@ -234,24 +223,15 @@ def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
 
 
 class SlipState(NamedTuple):
-    """State of friction (T tangential rows, C contacts).
+    """State of friction (T tangential rows, C contacts)."""
 
-    Attributes:
-        position: slack of the tangential rows, from which the next increment slips, (T,).
-        path: length that each contact has slipped while closed, (C,).
-        work: energy dissipated by friction there, (C,).
-        wear: integral of the pressure along the slip, (C,): Archard's wear in depth per unit of his constant.
-        pressure, bound: current force of its pressure, and largest tangential force, (C,).
-        statuses: 0 open, 1 sticks, 2 slips, (C,).
-    """
-
-    position: np.ndarray
-    path: np.ndarray
-    work: np.ndarray
-    wear: np.ndarray
-    pressure: np.ndarray
-    bound: np.ndarray
-    statuses: np.ndarray
+    position: np.ndarray  # slack of the tangential rows, from which the next increment slips, (T,)
+    path: np.ndarray  # length that each contact has slipped while closed, (C,)
+    work: np.ndarray  # energy dissipated by friction there, (C,)
+    wear: np.ndarray  # pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
+    pressure: np.ndarray  # current force of its pressure, (C,)
+    bound: np.ndarray  # current largest tangential force, (C,)
+    statuses: np.ndarray  # 0 open, 1 sticks, 2 slips, (C,)
 
     def counted(self) -> dict[str, int]:
         """See :meth:`Memory.counted`."""

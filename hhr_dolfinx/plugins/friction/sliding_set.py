@@ -52,43 +52,25 @@ GRAZING = 1e-7
 
 
 class Sliding(NamedTuple):
-    """Outcome of an increment (M rows, r rigid motions).
+    """Outcome of an increment (M rows, r rigid motions)."""
 
-    Attributes:
-        forces: of all rows, (M,).
-        active: rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool.
-        slack: of all rows, (M,); of tangential rows the slip of the increment.
-        motions: amplitudes of rigid motions of bodies that only contact holds, (r,).
-        iterations: linear systems solved.
-        sweeps: over single contacts, 0 if Newton's method converged alone.
-        status: reason for stopping.
-        unsettled: rows of pressure of the contacts that still change, if there is no convergence.
-    """
-
-    forces: np.ndarray
-    active: np.ndarray
-    slack: np.ndarray
-    motions: np.ndarray
-    iterations: int
-    sweeps: int
+    forces: np.ndarray  # of all rows, (M,)
+    active: np.ndarray  # rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
+    slack: np.ndarray  # of all rows, (M,); of tangential rows the slip of the increment
+    motions: np.ndarray  # amplitudes of rigid motions of bodies that only contact holds, (r,)
+    iterations: int  # linear systems solved
+    sweeps: int  # over single contacts, 0 if Newton's method converged alone
     status: Status
-    unsettled: np.ndarray = np.zeros(0, dtype=np.int64)
+    unsettled: np.ndarray = np.zeros(0, dtype=np.int64)  # rows of pressure of contacts that still change
 
 
 class Increment(NamedTuple):
-    """Loads and friction bounds of an increment.
+    """Loads and friction bounds of an increment."""
 
-    Attributes:
-        slack: without contact forces; of tangential rows less their position before the increment, (M,).
-        coefficient: of friction of each contact with friction, (C,); infinite of Tresca's law.
-        limit: upper bound of its tangential force at any pressure, (C,).
-        driving: loads along rigid motions that only contact holds, (r,).
-    """
-
-    slack: np.ndarray
-    coefficient: np.ndarray
-    limit: np.ndarray
-    driving: np.ndarray
+    slack: np.ndarray  # without contact forces; of tangential rows less their position before the increment, (M,)
+    coefficient: np.ndarray  # of friction of each contact with friction, (C,); infinite of Tresca's law
+    limit: np.ndarray  # upper bound of its tangential force at any pressure, (C,)
+    driving: np.ndarray  # loads along rigid motions that only contact holds, (r,)
 
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""

@@ -43,41 +43,26 @@ DEPENDENT = "the contacts that touch leave their forces undetermined"
 
 
 class Rows(NamedTuple):
-    """The problem to which statuses refer (M rows, T tangential rows, r rigid motions).
-
-    Attributes:
-        scaled: S, followed by the effect of rigid motions on the slack, with rows multiplied by the factor that gives
-            them the unit of forces: otherwise products with given forces cancel, (M, M + r).
-        balance: resultants of forces along rigid motions, (r, M).
-        tangential, normal: tangential rows, contact by contact, and the row of the pressure of each, (T,).
-        curved: True for rows of contacts that slip in two directions, (T,) bool.
-    """
+    """The problem to which statuses refer (M rows, T tangential rows, r rigid motions)."""
 
     scaled: np.ndarray
-    balance: np.ndarray
-    tangential: np.ndarray
-    normal: np.ndarray
-    curved: np.ndarray
+    """S, followed by the effect of rigid motions on the slack, (M, M + r). Its rows are multiplied by the factor that
+    gives them the unit of forces: otherwise products with given forces cancel."""
+    balance: np.ndarray  # resultants of forces along rigid motions, (r, M)
+    tangential: np.ndarray  # tangential rows, contact by contact, (T,)
+    normal: np.ndarray  # row of the pressure of each, (T,)
+    curved: np.ndarray  # True for rows of contacts that slip in two directions, (T,) bool
 
 
 class Statuses(NamedTuple):
-    """Statuses and directions on which a Newton step is based.
+    """Statuses and directions on which a Newton step is based."""
 
-    Attributes:
-        acting: rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool.
-        slips: acting tangential rows that slip, (T,) bool.
-        followed: coefficient of rows whose bound follows their pressure, 0 of others, (T,).
-        direction: d = y_t / |y_t|, (T,).
-        shrunk: b / |y_t|, (T,).
-        measure: factor of the stiffness by which slip enters y.
-    """
-
-    acting: np.ndarray
-    slips: np.ndarray
-    followed: np.ndarray
-    direction: np.ndarray
-    shrunk: np.ndarray
-    measure: float
+    acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    slips: np.ndarray  # acting tangential rows that slip, (T,) bool
+    followed: np.ndarray  # coefficient of rows whose bound follows their pressure, 0 of others, (T,)
+    direction: np.ndarray  # d = y_t / |y_t|, (T,)
+    shrunk: np.ndarray  # b / |y_t|, (T,)
+    measure: float  # factor of the stiffness by which slip enters y
 
     def codes(self, rows: Rows) -> np.ndarray:
         """Kind of each row, (M,) int8."""

@@ -38,15 +38,10 @@ SAME = 1e-9
 
 
 class GridCells(NamedTuple):
-    """Cells of a regular grid, in the order of its points.
+    """Cells of a regular grid, in the order of its points."""
 
-    Attributes:
-        cells: lower and upper corner of each, (C, 2, P); flat along a parameter of which the grid has one value.
-        corners: numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary.
-    """
-
-    cells: np.ndarray
-    corners: np.ndarray
+    cells: np.ndarray  # lower and upper corner, (C, 2, P); flat along a parameter of which the grid has one value
+    corners: np.ndarray  # numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary
 
 
 @dataclass(frozen=True)

@@ -41,23 +41,17 @@ LEAF = -1
 class Choice:
     """A binary tree of cuts across the axes (n nodes, the first one is the whole box; P parameters).
 
-    Attributes:
-        axis: index of the parameter that is cut, (n,) int; -1 for a region.
-        cut: value of the cut, (n,); a point at the cut or below goes low.
-        low, high: the nodes below and above the cut, (n,) int, each with a higher number than its parent.
-        label: number of the model of a region, (n,) int.
-        reach: half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,).
-
     Raises:
         ReductionError: for an invalid tree.
     """
 
-    axis: Annotated[Integers, "nodes"]
-    cut: Annotated[Floats, "nodes"]
+    axis: Annotated[Integers, "nodes"]  # index of the parameter that is cut; -1 for a region
+    cut: Annotated[Floats, "nodes"]  # value of the cut; a point at the cut or below goes low
     low: Annotated[Integers, "nodes"]
-    high: Annotated[Integers, "nodes"]
-    label: Annotated[Integers, "nodes"]
+    high: Annotated[Integers, "nodes"]  # the nodes below and above the cut, each with a higher number than its parent
+    label: Annotated[Integers, "nodes"]  # number of the model of a region
     reach: Annotated[Floats, "P"]
+    """Half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,)."""
 
     def __post_init__(self) -> None:
         """A query of an invalid tree would not end, or end nowhere."""

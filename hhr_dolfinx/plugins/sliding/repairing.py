@@ -48,20 +48,13 @@ APART = 10.0
 
 @dataclass(frozen=True, eq=False)
 class SlidingPair:
-    """Two surfaces that are paired again in each increment.
+    """Two surfaces that are paired again in each increment."""
 
-    Attributes:
-        pairing: gives each node of the slave at most one row.
-        slave, master: surfaces as they are meshed, with common node numbers.
-        first: index of the first dof of the pair among all rows of its model.
-        nodes: number of nodes of both.
-    """
-
-    pairing: NodeToSurface | Mortar
+    pairing: NodeToSurface | Mortar  # gives each node of the slave at most one row
     slave: Surface
-    master: Surface
-    first: int
-    nodes: int
+    master: Surface  # as they are meshed, with common node numbers
+    first: int  # index of the first dof of the pair among all rows of its model
+    nodes: int  # number of nodes of both
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: surfaces whose nodes are not among those of both."""

@@ -35,17 +35,11 @@ OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of t
 
 @dataclass(frozen=True)
 class Spaces:
-    """Spaces of the proofs.
+    """Spaces of the proofs."""
 
-    Attributes:
-        test: V^0_HR, modes cut off outside A, (2.29).
-        test_kernel: those that contact forces do not feel, K^0_HR, (2.35).
-        trial_kernel: whole modes that leave all gaps of the RID as they are, K_HR, (2.45).
-    """
-
-    test: Directions
-    test_kernel: Directions
-    trial_kernel: Directions
+    test: Directions  # V^0_HR, modes cut off outside A, (2.29)
+    test_kernel: Directions  # those that contact forces do not feel, K^0_HR, (2.35)
+    trial_kernel: Directions  # whole modes that leave all gaps of the RID as they are, K_HR, (2.45)
 
     @classmethod
     def of(cls, norms: Norms, reduced: ReducedProblem, basis: np.ndarray) -> Spaces:

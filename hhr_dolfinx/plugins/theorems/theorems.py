@@ -107,21 +107,15 @@ class ImposedInterface:
 
 @dataclass(frozen=True)
 class ThesisBounds:
-    """The theorems for a reduced model, prepared once.
-
-    Attributes:
-        constants: of each theorem that can be evaluated: M_a, and alpha or the constant that replaces it.
-        near: spaces of the infima on Omega_A and on the whole domain.
-        refused: the hypothesis that fails, by theorem.
-    """
+    """The theorems for a reduced model, prepared once."""
 
     problem: ContactProblem
     norms: Norms
     basis: np.ndarray
     imposed: ImposedInterface
-    constants: dict[str, Ellipticity]
-    near: tuple[Directions, Directions]
-    refused: dict[str, str]
+    constants: dict[str, Ellipticity]  # of each theorem that can be evaluated: M_a, and alpha or what replaces it
+    near: tuple[Directions, Directions]  # spaces of the infima on Omega_A and on the whole domain
+    refused: dict[str, str]  # the hypothesis that fails, by theorem
 
     @classmethod
     def of(
