@@ -189,7 +189,6 @@ class FallbackModel(AnsweringModel):
         return self.full.contacts()
 
     def _checked_start(self, start: Start) -> CheckedStart:
-        """Start as the reduced model checks it."""
         return self.reduced._checked_start(self._own_start(start))
 
     @property
@@ -236,7 +235,6 @@ class FallbackModel(AnsweringModel):
             return None
 
     def _is_good(self, answer: Answer) -> bool:
-        """True if the error of an answer is known to be within the tolerance."""
         try:
             estimate = answer.estimate()
             # False for NaN
@@ -332,10 +330,7 @@ def safe_model(
     Args:
         training: the full model with its answers.
         tolerance: largest relative error of any answer.
-        of: quantity of the error: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
-            error of a nodal pressure over the peak pressure; ``displacement``, in energy; or an output, by its name.
-            None takes displacement and forces, both in energy: errors of nodal forces and pressures are then ten or
-            more times larger.
+        of: quantity of the error, see :class:`FallbackModel`.
         recipe, checked: of the reduced model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
 
     Raises:

@@ -86,7 +86,6 @@ class _Accumulated(OfContact):
     largest: ClassVar[bool] = True
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
         own, _ = _sliding(self, probe)
         factor = float(getattr(self, "constant", 1.0))
         return Remembered(self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest)

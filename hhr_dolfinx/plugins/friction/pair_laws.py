@@ -56,7 +56,6 @@ class _Tangential(PairLaw):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, Friction]:
-        """See :class:`PairLaw`: tangential rows."""
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
         own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}

@@ -177,7 +177,6 @@ class RubbingFlowStepper:
         return model.flow.modal - flowing @ model.flow.per_mode.T + pressed
 
     def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
-        """Answer from the converged correction."""
         self._strains.check(at.strain)
         found = at.found
         given = load.under(self._model.flow.moved @ at.correction)

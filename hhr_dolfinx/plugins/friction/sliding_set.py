@@ -106,7 +106,6 @@ class _Iterate(NamedTuple):
     off: np.ndarray  # forces less their projection, (M,)
 
     def key(self) -> bytes:
-        """Key of the set of statuses."""
         at = self.statuses
         signs = np.sign(at.direction[at.slips])
         return at.acting.tobytes() + at.slips.tobytes() + self.limited[at.slips].tobytes() + signs.tobytes()
@@ -162,7 +161,6 @@ class SlidingContact:
         return self._by_sweeps(given, own, found) if not motions.size else self._by_springs(given, own, found)
 
     def _prepared(self, given: Increment) -> _Given:
-        """Loads and bounds of an increment by rows."""
         unforced = -self.stiffness * given.slack
         plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
         return _Given(

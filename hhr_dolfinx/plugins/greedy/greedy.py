@@ -206,14 +206,12 @@ class Greedy:
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
     def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
-        """Samplings of the first points, and of the candidates."""
         varies = self.family is None and full.problem.varies
         start = Sobol(-(-self.budget // 2)) if varies else Lattice(20)
         candidates = Sobol(2048, seed=5) if varies else Lattice(1000)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
     def _recipe(self, full: FullOrderModel) -> Recipe:
-        """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
         if self.family is not None:
@@ -221,11 +219,9 @@ class Greedy:
         return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
 
     def _queries(self, points: np.ndarray) -> Any:
-        """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
     def _score(self, full: FullOrderModel) -> Score:
-        """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 

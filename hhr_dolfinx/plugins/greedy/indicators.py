@@ -150,7 +150,6 @@ class _OnRid(ABC):
     """An indicator by the full equations of the RID, with the interpolated displacement of its interface, (1.72)."""
 
     def prepared(self, full: FullOrderModel) -> Score:
-        """See :class:`GreedyIndicator`."""
         _refuse_flow(full, f"{type(self).__name__}()")
 
         def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
@@ -263,7 +262,6 @@ class _Domain:
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:
-        """The equations at a point, (P,)."""
         return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
 
 

@@ -114,7 +114,6 @@ class Clusters:
     conditions: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers."""
         check_counts(count=(self.count, 1), seed=(self.seed, 0))
         limits = {"modes": self.modes, "conditions": self.conditions}
         check_counts(**{name: (most, 1) for name, most in limits.items() if most is not None})

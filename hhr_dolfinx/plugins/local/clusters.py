@@ -251,7 +251,6 @@ def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, s
 
 
 def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
-    """Points of the box, scaled to the unit box."""
     lower = np.array(space.lower)
     upper = np.array(space.upper)
     return (points - lower) / np.where(upper > lower, upper - lower, 1.0)

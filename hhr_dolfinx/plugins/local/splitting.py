@@ -82,7 +82,6 @@ class Splitting:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers."""
         given = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
         given |= {} if self.conditions is None else {"conditions": 1}
         check_counts(**{name: (getattr(self, name), least) for name, least in given.items()})

@@ -265,7 +265,6 @@ class Query:
         return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
 
     def _largest(self, answer: Answer) -> float:
-        """Largest displacement of any node."""
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 

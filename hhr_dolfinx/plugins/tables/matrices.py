@@ -207,7 +207,6 @@ def _check_definite(schur: np.ndarray) -> None:
 
 
 def _outputs(size: int, conditions: int, areas: Any, displacements: Any, forces: Any) -> tuple[Functional, ...]:
-    """Outputs from the given arrays, each with its name."""
     displacements, forces = ({} if given is None else given for given in (displacements, forces))
     for given in (displacements, forces):
         if not isinstance(given, Mapping) or not all(isinstance(name, str) and name for name in given):

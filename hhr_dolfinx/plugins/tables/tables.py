@@ -156,12 +156,10 @@ class _Blocks:
 
     @property
     def size(self) -> int:
-        """Rows of a block."""
         return self.query.model.rows_at_once
 
     @property
     def folder(self) -> Path:
-        """Folder of the blocks, next to the target."""
         return self.path.with_name(f"{self.path.name}.parts")
 
     @property
@@ -270,7 +268,6 @@ class _Blocks:
 
 
 def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
-    """Print the reasons why the first bad rows have no answer."""
     for number, why in bad[:SHOWN]:
         row = rows[number]
         console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)

@@ -217,7 +217,8 @@ class _Pair:
         noise = ROUND_OFF * self._size
         match theorem:
             case "3":
-                return Sides(self._forces, ratio * (self._moved + noise))
+                forces = self.exact.multipliers[norms.domain.sets.A_lambda] - self.answer.multipliers
+                return Sides(norms.of_forces(forces), ratio * (self._moved + noise))
             case "5":
                 nearest = near.distance(self._error[self._inside])
                 return Sides(self._moved, (1 + ratio) * (nearest + self._lifted) + noise)
@@ -255,12 +256,6 @@ class _Pair:
         lift = self._error.copy()
         lift[self._inside] = 0.0
         return self.bounds.norms.on_domain(lift)
-
-    @cached_property
-    def _forces(self) -> float:
-        """|lambda - lambda_HR| on A_lambda."""
-        forces = self.exact.multipliers[self.bounds.norms.domain.sets.A_lambda] - self.answer.multipliers
-        return self.bounds.norms.of_forces(forces)
 
     @cached_property
     def _imposed(self) -> np.ndarray:
