@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
@@ -15,7 +16,46 @@ from hhr_dolfinx.models.histories.increments import Increments
 from hhr_dolfinx.models.histories.steps import Steps
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
+
+
+class _RubbingStep:
+    """Contact problems of the linearisations of one step of inelastic bodies, from a slip state and forces, (m,).
+
+    All measure slip from the beginning of the step, backward Euler for the rate of slip, to a point, (P,). The last
+    one, at which the stress has converged, gives the slip of the step.
+    """
+
+    def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
+        self._friction = model.law
+        self._surface = Surface.of(model)
+        self._point = point
+        self._coefficient, self._limit = self._friction.bounds(point)
+        self._before = before
+        self._position = self._surface.position(before)
+        self._forces = forces
+        self._on: SchurEqualities | None = None
+        self._contact: SlidingContact | None = None
+        self._last: tuple[Increment, Sliding] | None = None
+
+    def solved(
+        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
+        if self._contact is None or equalities is not self._on:
+            self._contact = SlidingContact(equalities.whole(), self._friction)
+            self._on = equalities
+        slack = free_slack.copy()
+        slack[self._friction.tangential] -= self._position
+        given = Increment(slack, self._coefficient, self._limit, np.zeros(0))
+        found = self._contact.increment(given, self._forces, active)
+        self._forces = found.forces
+        self._last = given, found
+        return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
+
+    def memory(self, unknown: np.ndarray) -> Memory:
+        assert self._last is not None
+        return Memory(slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point))
 
 
 class _Steps(Steps):
@@ -23,9 +63,7 @@ class _Steps(Steps):
         return Slider(model, settings.gradient)
 
     def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
-        from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
-
-        return RubbingStep(model, point, before.memory[SLIP], before.multipliers)
+        return _RubbingStep(model, point, before.memory[SLIP], before.multipliers)
 
     def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
         from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
