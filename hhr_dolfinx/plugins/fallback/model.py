@@ -189,7 +189,10 @@ class FallbackModel(AnsweringModel):
         return self.full.contacts()
 
     def _checked_start(self, start: Start) -> CheckedStart:
-        return self.reduced._checked_start(self._own_start(start))
+        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
+        # statuses of an answer of the full model may be too many
+        too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
+        return self.reduced._checked_start("nearest" if too_many else start)
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -242,11 +245,6 @@ class FallbackModel(AnsweringModel):
         except HHRError as error:
             _log.info(ASKED, error)
             return False
-
-    def _own_start(self, start: Start) -> Start:
-        """Initial statuses for the reduced model; nearest ones if those of an answer of the full model are too many."""
-        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
-        return "nearest" if sizes == (self.full.conditions,) != (self.reduced.own_conditions,) else start
 
 
 def check_allowance(tolerance: Any) -> None:

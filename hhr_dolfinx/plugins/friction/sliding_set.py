@@ -249,7 +249,7 @@ class SlidingContact:
         Raises:
             SingularError: if statuses leave forces undetermined.
         """
-        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+        at = self._at(given, found)
         owner = self._owner
         pressure = np.maximum(found.forces[self._normal], 0.0)[:, None]
         grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure)
@@ -259,10 +259,13 @@ class SlidingContact:
         solved = SlidingSystem(self._problem, at.statuses).solve(right)
         return solved[: len(slack)], solved[len(slack) :]
 
+    def _at(self, given: Increment, found: Sliding) -> _Iterate:
+        return self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
         """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
         near = GRAZING * np.abs(found.forces).max(initial=0.0)
-        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+        at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
         size, slip = (self._length(values[self._rows]) for values in (found.forces, scaled))

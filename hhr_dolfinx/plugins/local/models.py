@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, CheckedStart
-from hhr_dolfinx.models.model import KeptModel, checked_start
+from hhr_dolfinx.models.model import NEAREST, KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -218,13 +218,14 @@ class LocalModels(KeptModel):
         return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
+        """Answer by the model of the part, or by the better one of two near a border."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
             number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
-        if not isinstance(start, str | None):
-            start = self._own_start(number, start)
         model = self.models[number]
+        # statuses of another model, as along a path
+        if isinstance(start, np.ndarray) and start.size != model.own_conditions:
+            start = NEAREST
         if model._range is not None:
             model._range.check(point, outside)
         return model._answered(point, start, outside, gradient)
@@ -262,14 +263,6 @@ class LocalModels(KeptModel):
         for first, second in zip(self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
-
-    def _own_start(self, number: int, start: np.ndarray) -> str | np.ndarray:
-        """Statuses to start from; those of another model become the nearest training statuses."""
-        statuses = np.asarray(start)
-        sizes = [len(model.problem.gaps) for model in self.models]
-        foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
-        # statuses of no model are refused by the model itself
-        return "nearest" if foreign and statuses.size in sizes else start
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
