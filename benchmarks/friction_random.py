@@ -50,7 +50,7 @@ def violation(schur, friction, given, forces):
     slack = given.slack + schur @ forces
     force, length = np.abs(forces).max() + 1e-300, np.abs(given.slack).max() + 1e-300
     worst = 0.0
-    for row in friction.pressures(len(schur)):
+    for row in np.flatnonzero(friction.pressing(len(schur))):
         worst = max(worst, -forces[row] / force, -slack[row] / length, min(forces[row] / force, slack[row] / length))
     for contact, normal in enumerate(friction.normal):
         rows = friction.tangential[friction.owner == contact]

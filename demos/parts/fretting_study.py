@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.friction.pictures import draw_friction, tangential_forces
 from hhr_dolfinx.timing import timed
+from parts.friction_picture import draw_friction, tangential_forces
 from parts.friction_report import differences, errors_of, sizes_and_times
 
 STEPS = 10

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -49,9 +48,6 @@ class InterfaceCompletion(Protocol):
             slack: of all conditions under the displacement, (N_lambda,).
             scale: length by which the gap of each is measured, (N_lambda,).
         """
-
-    def calibrated(self, model: object, known: Sequence[Any], log: object) -> tuple[Any, ...]:
-        """Members of a model with a calibrated indicator, by sets of full histories, held out ones first."""
 
     def differences(self, full: FullOrder, point: np.ndarray) -> str:
         """Difference of a full model to the one of the training, in words; empty if there is none."""

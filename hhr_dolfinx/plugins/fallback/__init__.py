@@ -5,5 +5,5 @@ from hhr_dolfinx.registry import Plugin
 PLUGIN = Plugin(
     name="fallback",
     public={"hhr_dolfinx.plugins.fallback.model": "FallbackModel"},
-    methods={"safe_model": "hhr_dolfinx.plugins.fallback.training:safe_model"},
+    methods={"safe_model": "hhr_dolfinx.plugins.fallback.model:safe_model"},
 )

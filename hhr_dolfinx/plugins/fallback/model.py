@@ -9,22 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import (
-    BoundError,
-    HHRError,
-    OutsideTrainingError,
-    ParameterError,
-    ReductionError,
+from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
+from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
+from hhr_dolfinx.models.estimates import (
+    FORCES,
+    check_asked,
+    check_of_forces,
+    check_word,
+    known_error,
+    relative_error,
+    relative_errors,
 )
-from hhr_dolfinx.models.answer import (
-    Answer,
-    History,
-    ListedAnswers,
-    ModelFields,
-    Path,
-    SeveralAnswers,
-)
-from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
@@ -35,11 +30,14 @@ from hhr_dolfinx.warn import collected, repeat
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.answer import CheckedStart, Start
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.parameters import PointsLike
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _log = logging.getLogger(__name__)
 
+ASKED = "the full model is asked: %s"
 ALIKE = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
 
@@ -65,8 +63,6 @@ class FallbackModel(AnsweringModel):
         of: quantity of the error.
 
     Attributes:
-        reduced: the reduced model.
-        full: the full model.
         asked: number of queries.
         fallen: number of queries that the full model answered.
 
@@ -81,14 +77,7 @@ class FallbackModel(AnsweringModel):
     """The training range is ignored: the bound decides when the full model answers."""
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
-    def __init__(
-        self,
-        reduced: Any,
-        full: FullOrderModel,
-        tolerance: float = 0.01,
-        *,
-        of: str | None = None,
-    ):
+    def __init__(self, reduced: Any, full: FullOrderModel, tolerance: float = 0.01, *, of: str | None = None):
         check_allowance(tolerance)
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
@@ -177,7 +166,7 @@ class FallbackModel(AnsweringModel):
         except ParameterError:
             raise
         except (HHRError, _NotGoodEnough) as error:
-            _log.info("the full model is asked: %s", error)
+            _log.info(ASKED, error)
             return None
         repeat(caught)
         return history
@@ -200,8 +189,10 @@ class FallbackModel(AnsweringModel):
         return self.full.contacts()
 
     def _checked_start(self, start: Start) -> CheckedStart:
-        """Start as the reduced model checks it."""
-        return self.reduced._checked_start(self._own_start(start))
+        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
+        # statuses of an answer of the full model may be too many
+        too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
+        return self.reduced._checked_start("nearest" if too_many else start)
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -222,13 +213,16 @@ class FallbackModel(AnsweringModel):
         except HHRError:  # a single point may be refused, or have no estimate
             errors = None
         if errors is None:
-            how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
-            return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
+            one_by_one = (self.solve(point, raise_on_failure=raise_on_failure, outside=outside) for point in checked)
+            return ListedAnswers(tuple(one_by_one))
         good = errors <= self.tolerance
         self.asked += len(checked)
-        exact = tuple(self._exact(point, raise_on_failure) for point in checked[~good])
+        exact = []
+        for point in checked[~good]:
+            self.fallen += 1
+            exact.append(self.full.solve(point, raise_on_failure=raise_on_failure))
         parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
-        parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
+        parts += [(np.flatnonzero(~good), ListedAnswers(tuple(exact)))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
 
     def _reduced_answer(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer | None:
@@ -240,29 +234,17 @@ class FallbackModel(AnsweringModel):
         except ParameterError:  # an invalid start or ``outside``
             raise
         except HHRError as error:
-            _log.info("the full model is asked: %s", error)
+            _log.info(ASKED, error)
             return None
 
     def _is_good(self, answer: Answer) -> bool:
-        """True if the error of an answer is known to be within the tolerance."""
         try:
             estimate = answer.estimate()
             # False for NaN
             return estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
         except HHRError as error:
-            _log.info("the full model is asked: %s", error)
+            _log.info(ASKED, error)
             return False
-
-    def _own_start(self, start: Start) -> Start:
-        """Initial statuses for the reduced model; nearest ones if those of an answer of the full model are too many."""
-        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
-        too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
-        return "nearest" if too_many else start
-
-    def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
-        """Answer of the full model."""
-        self.fallen += 1
-        return self.full.solve(point, raise_on_failure=raise_on_failure)
 
 
 def check_allowance(tolerance: Any) -> None:
@@ -278,12 +260,7 @@ def _remedy(full: FullOrderModel) -> str:
 
 
 def _check_alike(reduced: Any, full: FullOrderModel) -> None:
-    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S and an answer.
-
-    Raises:
-        BoundError: for a reduced model whose answers have no bound.
-        ReductionError: if ``full`` is not a full model, or of another scene.
-    """
+    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S and an answer."""
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
     if bound is None and fields.estimated != FORCES:
@@ -304,7 +281,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
 
 
 def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
-    """Raise ReductionError unless a reduced model with a law of interfaces was built from this full model."""
+    """ReductionError unless a reduced model with a law of interfaces was built from this full model."""
     own = reduced.fields.interface
     if full.law.plugin != own.whole.plugin or full.equilibrium is not None:
         what = "bodies that flow" if full.equilibrium is not None else full.law.name
@@ -314,7 +291,7 @@ def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
 
 
 def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
-    """Raise ReductionError unless S and an answer of the full model agree with the reduced one."""
+    """ReductionError unless S and an answer of the full model agree with the reduced one."""
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
     point = reduced.parameters.random(1, seed=1)[0]
@@ -333,3 +310,39 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
             raise ReductionError(
                 f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"
             )
+
+
+def safe_model(
+    training: Any,
+    tolerance: float = 0.01,
+    *,
+    of: str | None = None,
+    recipe: Recipe | None = None,
+    checked: bool = True,
+) -> FallbackModel | CondensedModel:
+    """Build a model whose answers all have errors within a tolerance.
+
+    For elastic bodies of constant stiffness without friction it is the condensed model, which is exact. Else it is a
+    reduced model that calls the full one if its error may exceed the tolerance.
+
+    Args:
+        training: the full model with its answers.
+        tolerance: largest relative error of any answer.
+        of: quantity of the error, see :class:`FallbackModel`.
+        recipe, checked: of the reduced model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+
+    Raises:
+        BoundError: if answers of the reduced model have no bound.
+        ParameterError: for an invalid tolerance, an unknown quantity, or an output without a bound.
+    """
+    there = training.everywhere
+    full = there.full_order
+    # before a model is built, which takes long
+    check_allowance(tolerance)
+    check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
+    if full.law.remembers:
+        check_of_forces(of)
+    elif full.equilibrium is None and not full.problem.varies:
+        # an estimate solves the exact problem on S: the condensed model answers with it, and is faster
+        return training.condense()
+    return FallbackModel(there.build(recipe, checked=checked), full, tolerance, of=of)

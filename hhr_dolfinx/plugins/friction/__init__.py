@@ -47,6 +47,6 @@ PLUGIN = Plugin(
         "reduction": f"{_HERE}.reduction:REDUCTION",
         "report": f"{_HERE}.report:REPORT",
         "page": f"{_HERE}.page:PAGE",
-        "deck": f"{_HERE}.deck:DECK",
+        "deck": f"{_HERE}.pair_laws:DECK",
     },
 )

@@ -7,7 +7,7 @@ contact sticks or slips, and the displacement is available everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,37 +53,24 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
     for point in problem.parameters.random(2, seed=1):
         there = problem.at(point)
         theta = there.amplitudes(point)
-        found += [
-            field @ (there.stiffness @ field),
-            field @ (there.loads @ theta),
-            weights @ (there.contact @ field),
-            weights @ (there.gaps @ theta),
-        ]
+        found += [field @ (there.stiffness @ field), field @ (there.loads @ theta)]
+        found += [weights @ (there.contact @ field), weights @ (there.gaps @ theta)]
     return np.array(found)
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionalFields:
-    """Completion of forces and statuses of contacts with friction.
+    """Completion of forces and statuses of contacts with friction."""
 
-    Attributes:
-        friction: of the whole contact surface.
-        within: conditions of the RID, (m,).
-        modes: POD modes of the forces of training, (N_lambda, modes).
-        mark: fingerprint of the full model, see :func:`mark_of`.
-        fit: amplitudes of the modes per force in the RID, (modes, m).
-        share: relative error of forces per part of them that no mode explains; 95 % of the training increments stay
-            below. At least 1, and 1 without training increments.
-        depth: deepest overlap outside the RID in training increments, over the gap scale of its condition.
-    """
-
-    friction: Friction
-    within: Annotated[Integers, "m", "< N_lambda"]
-    modes: Annotated[Floats, "N_lambda", "force modes"]
-    fit: Annotated[Floats, "force modes", "m"]
-    mark: Annotated[Floats, "8"]
+    friction: Friction  # of the whole contact surface
+    within: Annotated[Integers, "m", "< N_lambda"]  # conditions of the RID, (m,)
+    modes: Annotated[Floats, "N_lambda", "force modes"]  # POD modes of the forces of training
+    fit: Annotated[Floats, "force modes", "m"]  # amplitudes of the modes per force in the RID
+    mark: Annotated[Floats, "8"]  # fingerprint of the full model, see :func:`mark_of`
     share: float = 1.0
-    depth: float = 0.0
+    """Relative error of forces per part of them that no mode explains; 95 % of the training increments stay below. At
+    least 1, and 1 without training increments."""
+    depth: float = 0.0  # deepest overlap outside the RID in training increments, over the gap scale of its condition
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of an indicator that would report too small errors."""
@@ -102,12 +89,6 @@ class FrictionalFields:
     def whole(self) -> Friction:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
         return self.friction
-
-    def calibrated(self, model: Any, known: Sequence[Any], log: Any) -> tuple[Any, ...]:
-        """See :func:`hhr_dolfinx.plugins.friction.calibration.calibrated`."""
-        from hhr_dolfinx.plugins.friction.calibration import calibrated
-
-        return calibrated(model, known, log)
 
     def differences(self, full: FullOrder, point: np.ndarray) -> str:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
@@ -148,30 +129,36 @@ class FrictionalFields:
     @cached_property
     def _pressing_outside(self) -> np.ndarray:
         """Normal conditions outside the RID."""
-        rows = self._elsewhere[0]
-        return rows[~np.isin(rows, self.friction.tangential)]
+        return np.setdiff1d(self._elsewhere[0], self.friction.tangential)
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), limited by the laws at a point, (N_lambda,)."""
+        found, _, size, admitted, beyond = self._unlimited(inside, point)
+        share = np.divide(admitted, size, out=np.ones(size.size), where=beyond)
+        found[self.friction.tangential] *= share[self.friction.owner]
+        return found
+
+    def _unlimited(self, inside: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Fitted forces, open conditions; of tangential forces the size, the limit, and whether it is exceeded."""
         friction = self.friction
         found = self._fitted(inside)
-        found[self._lifted_off(found, inside)] = 0.0
-        size = self.sizes(found)
+        pressing = self._pressing_outside
+        # a pressure within the error of the fit is none
+        off = pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
+        found[off] = 0.0
+        size = friction.lengths(found[friction.tangential])
         admitted = bounds(*friction.bounds(point), found[friction.normal])
-        share = np.divide(admitted, size, out=np.ones(size.size), where=self._beyond(size, admitted))
-        found[friction.tangential] *= share[friction.owner]
-        return found
+        beyond = np.zeros(size.size, dtype=bool)
+        beyond[self.outside] = size[self.outside] > admitted[self.outside]
+        return found, off, size, admitted, beyond
 
     def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
         friction = self.friction
-        found, slopes = self._fitted(inside), self._fitted(changes)
-        off = self._lifted_off(found, inside)
-        found[off], slopes[off] = 0.0, 0.0
-        size = self.sizes(found)
+        found, off, size, admitted, beyond = self._unlimited(inside, point)
+        slopes = self._fitted(changes)
+        slopes[off] = 0.0
         coefficient, limit = friction.bounds(point)
-        admitted = bounds(coefficient, limit, found[friction.normal])
-        beyond = self._beyond(size, admitted)
         rows = friction.tangential[beyond[friction.owner]]
         owner = friction.owner[beyond[friction.owner]]
         of_coefficient, of_limit = friction.bound_slopes(point)
@@ -195,17 +182,6 @@ class FrictionalFields:
         found[rows] = per_force @ inside
         return found
 
-    def _lifted_off(self, found: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Conditions outside the RID whose pressure is within the error of the fit."""
-        pressing = self._pressing_outside
-        return pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
-
-    def _beyond(self, size: np.ndarray, admitted: np.ndarray) -> np.ndarray:
-        """Contacts outside the RID whose fitted tangential force exceeds the limit, (C,) bool."""
-        found = np.zeros(size.size, dtype=bool)
-        found[self.outside] = size[self.outside] > admitted[self.outside]
-        return found
-
     def misfit(self, inside: np.ndarray) -> float:
         """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1; 0 without forces.
 
@@ -218,13 +194,7 @@ class FrictionalFields:
         return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
 
     def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """Estimated relative error of forces; infinite if bodies overlap outside the RID.
-
-        Args:
-            inside: forces in the RID, (m,).
-            slack: of all conditions under the displacement, (N_lambda,).
-            scale: length by which the gap of each is measured, (N_lambda,).
-        """
+        """See :class:`InterfaceCompletion`; infinite if bodies overlap outside the RID."""
         deep = self.overlap(slack, scale)
         if deep > max(DEEP * self.depth, SHALLOW) or (deep > ROUND_OFF and not inside.any()):
             return math.inf
@@ -235,17 +205,12 @@ class FrictionalFields:
         rows = self._pressing_outside
         return float((-slack[rows] / scale[rows]).max(initial=0.0))
 
-    def sizes(self, forces: np.ndarray) -> np.ndarray:
-        """Magnitude of the tangential force of each contact, (C,)."""
-        squares = forces[self.friction.tangential] ** 2
-        return np.sqrt(np.bincount(self.friction.owner, squares, self.friction.normal.size))
-
     def active(self, inside: np.ndarray, forces: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Statuses of all conditions, (N_lambda,): of the RID as given, (m,) bool, and elsewhere from the forces."""
         friction = self.friction
         found = np.zeros(len(self.modes), dtype=bool)
         found[friction.normal] = forces[friction.normal] > 0
-        sticks = found[friction.normal] & (self.sizes(forces) < (1.0 - FULL) * bound)
+        sticks = found[friction.normal] & (friction.lengths(forces[friction.tangential]) < (1.0 - FULL) * bound)
         found[friction.tangential] = sticks[friction.owner]
         found[self.within] = inside
         return found

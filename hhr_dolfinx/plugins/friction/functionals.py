@@ -17,8 +17,6 @@ class Remembered(Functional):
     Attributes:
         contacts: numbers of contacts with friction, (c,).
         quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.plugins.friction.laws.SlipState`.
-        factor: of the values.
-        largest: whether the largest is meant, else the sum.
     """
 
     differentiable: ClassVar[bool] = False
@@ -32,21 +30,13 @@ class Remembered(Functional):
         """Value up to the time of the answer."""
         if SLIP not in state.memory:
             return 0.0
-        slip = state.memory[SLIP]
-        values = {"path": slip.path, "work": slip.work, "wear": slip.wear}[self.quantity]
-        own = self.factor * values[self.contacts]
+        own = self.factor * getattr(state.memory[SLIP], self.quantity)[self.contacts]
         return float(own.max() if self.largest else own.sum())
 
 
 @dataclass(frozen=True, eq=False)
 class StatusArea(Functional):
-    """Area of the closed contacts that stick, or that slip.
-
-    Attributes:
-        contacts: numbers of contacts with friction, (c,).
-        areas: tributary area of each, (c,).
-        sticks: whether those that stick are meant, else those that slip.
-    """
+    """Tributary areas, (c,), of the closed ones of some contacts with friction, by number, that stick, or that slip."""
 
     differentiable: ClassVar[bool] = False
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,53 +25,36 @@ from hhr_dolfinx.plain import Rebuilt
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
+_CONSTANTS = ("coefficient", "limit")
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
 
 
-class PairConstants(Protocol):
-    """A user's law of a pair: numbers or formulas; None for one that the law does not have."""
-
-    @property
-    def coefficient(self) -> float | str | None: ...  # noqa: D102
-
-    @property
-    def limit(self) -> float | str | None: ...  # noqa: D102
-
-
 @dataclass(frozen=True)
 class FrictionLaw(Rebuilt):
-    """A law of friction whose constants are functions of the parameters.
-
-    Attributes:
-        coefficient: of Coulomb's law; None of Tresca's.
-        limit: of the tangential stress; None without one.
-    """
+    """A law of friction whose constants are functions of the parameters; None for one that it does not have."""
 
     coefficient: Scalar | None
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: PairConstants, space: ParameterSpace, what: str) -> FrictionLaw:
-        """Law over the parameter range of a scene.
+    def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
+        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a pair, ``what``.
 
         Raises:
             SceneError: if a constant is negative or not finite somewhere in the range, or names an unknown parameter.
         """
-        found: list[Scalar | None] = []
-        for name, value in (("coefficient", law.coefficient), ("limit", law.limit)):
-            found.append(None if value is None else _scalar(value, space, f"the {name} of friction of {what}"))
-        return cls(*found)
+        return cls(*(_scalar(getattr(law, name), space, f"the {name} of friction of {what}") for name in _CONSTANTS))
 
     def at(self, point: np.ndarray) -> tuple[float, float]:
         """Coefficient and limit at a point, (P,); infinite for no limit."""
-        coefficient, limit = (
-            np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)
-        )
-        return coefficient, limit
+        values = [np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)]
+        return values[0], values[1]
 
 
-def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
+def _scalar(value: float | str | None, space: ParameterSpace, called: str) -> Scalar | None:
+    if value is None:
+        return None
     try:
         scalar = Scalar(formula_of(value, called).text, space.names)
     except SceneError as error:
@@ -83,24 +66,7 @@ def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
 
 @dataclass(frozen=True)
 class Friction(ContactLaw, Rebuilt):
-    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows).
-
-    Attributes:
-        normal: row of the pressure of each contact, (C,).
-        area: its tributary area, (C,).
-        spacing: largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an
-            obstacle, which is the same everywhere, and if rows are updated.
-        law: index of its law in ``laws``, (C,).
-        tangential: tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed.
-        owner: contact of each of them, (T,).
-        tangents: its unit vector, (T, dim).
-        laws: of the pairs.
-        fixed: indices of the parameters on which laws, moduli or shapes depend: they are constant while loads grow in
-            proportion.
-        shaped: indices of the parameters of shapes, which are constant along a path.
-        twice: tangential rows with undetermined forces, numbers of rows, (k,): rows that other conditions on the same
-            nodes repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
-    """
+    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows)."""
 
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
@@ -108,17 +74,23 @@ class Friction(ContactLaw, Rebuilt):
     floats: ClassVar[bool] = True
     reshapes: ClassVar[bool] = True
 
-    normal: Annotated[Integers, "frictional"]
-    area: Annotated[Floats, "frictional"]
+    normal: Annotated[Integers, "frictional"]  # row of the pressure of each contact, (C,)
+    area: Annotated[Floats, "frictional"]  # its tributary area, (C,)
     spacing: Annotated[Floats, "frictional"]
-    law: Annotated[Integers, "frictional"]
+    """Largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an obstacle, which
+    is the same everywhere, and if rows are updated."""
+    law: Annotated[Integers, "frictional"]  # index of its law in ``laws``, (C,)
     tangential: Annotated[Integers, "tangential"]
-    owner: Annotated[Integers, "tangential"]
-    tangents: Annotated[Floats, "tangential", "dimension"]
-    laws: tuple[FrictionLaw, ...]
+    """Tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed."""
+    owner: Annotated[Integers, "tangential"]  # contact of each of them, (T,)
+    tangents: Annotated[Floats, "tangential", "dimension"]  # its unit vector, (T, dim)
+    laws: tuple[FrictionLaw, ...]  # of the pairs
     fixed: Annotated[Integers, "fixed parameters"]
-    shaped: Annotated[Integers, "shaping parameters"]
+    """Indices of the parameters of laws, moduli or shapes: they are constant while loads grow in proportion."""
+    shaped: Annotated[Integers, "shaping parameters"]  # indices of those of shapes, which are constant along a path
     twice: Annotated[Integers, "said twice"]
+    """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes repeat, as in
+    corners, and rows along which all nodes are imposed, whose slip is given."""
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Missing or unsorted rows."""
@@ -139,14 +111,15 @@ class Friction(ContactLaw, Rebuilt):
             yield "spacings of contacts with friction are negative"
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
-        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit) if scalar is not None]
+        scalars = [scalar for scalar in self._scalars if scalar is not None]
         named = {scalar.names.index(name) for scalar in scalars for name in scalar.formula.variables}
         if not named <= set(self.fixed.tolist()):
             yield "a law of friction depends on a parameter that grows with the loads"
 
-    def pressures(self, rows: int) -> np.ndarray:
-        """Rows of pressures among so many rows."""
-        return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
+    @property
+    def _scalars(self) -> list[Scalar | None]:
+        """Coefficient and limit of each law."""
+        return [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`: all except tangential ones."""
@@ -169,8 +142,7 @@ class Friction(ContactLaw, Rebuilt):
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
-        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
-        texts = ["" if scalar is None else scalar.text for scalar in scalars]
+        texts = ["" if scalar is None else scalar.text for scalar in self._scalars]
         rows = [self.normal, self.area, self.law, self.tangential, self.owner, self.tangents, self.fixed, self.twice]
         return [*texts, *rows]
 
@@ -180,11 +152,7 @@ class Friction(ContactLaw, Rebuilt):
             yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Refuse a path along which bodies change their shape: slip is measured on one.
-
-        Raises:
-            ParameterError: with the parameter that changes.
-        """
+        """Refuse a path along which bodies change their shape, with ParameterError: slip is measured on one."""
         for place in self.shaped.tolist():
             if np.ptp(points[:, place]) > 0:
                 raise ParameterError(
@@ -195,8 +163,7 @@ class Friction(ContactLaw, Rebuilt):
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """See :class:`ContactLaw`."""
-        values = ("path", "work", "wear", "pressure", "bound")
-        of_contacts: dict[str, tuple[str, ...]] = {name: ("float", "frictional") for name in values}
+        of_contacts = {name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")}
         return {"position": ("float", "tangential"), **of_contacts, "statuses": ("int", "frictional")}
 
     @property
@@ -206,8 +173,7 @@ class Friction(ContactLaw, Rebuilt):
 
     def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
         """See :class:`ContactLaw`."""
-        found: dict[str, Any] = memory[SLIP]._asdict()
-        return found
+        return dict(memory[SLIP]._asdict())
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`ContactLaw`."""
@@ -221,16 +187,14 @@ class Friction(ContactLaw, Rebuilt):
 
     def bound_slopes(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero for infinite bounds."""
-        pairs = [[law.coefficient, law.limit] for law in self.laws]
         nothing = np.zeros(point.size)
-        slopes = np.array(
-            [[nothing if scalar is None else scalar.derivative(point) for scalar in pair] for pair in pairs]
-        )
+        found = [nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars]
+        slopes = np.array(found).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
-    def slid(self, position: np.ndarray) -> np.ndarray:
-        """Distance of each contact from where it was paired, by the slack of the tangential rows, (T,): (C,)."""
-        return np.sqrt(np.bincount(self.owner, position**2, self.normal.size))
+    def lengths(self, tangential: np.ndarray) -> np.ndarray:
+        """Magnitude of the vector of each contact, (C,), by its tangential rows, (T,)."""
+        return np.sqrt(np.bincount(self.owner, tangential**2, self.normal.size))
 
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
@@ -238,48 +202,36 @@ class Friction(ContactLaw, Rebuilt):
         return np.where(active[self.normal], np.where(sticks, STICKS, SLIPS), OPEN)
 
     def within(self, conditions: np.ndarray) -> Friction:
-        """Friction of some conditions, (m,), in their order there.
-
-        Raises:
-            ValueError: for a contact some of whose rows are missing.
-        """
+        """Friction of some conditions, (m,), in their order there; ValueError if a contact lacks some of its rows."""
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
         if not (contacts[self.owner] == rows).all():
             raise ValueError("a pressure and its tangential rows go together")
-        order = np.argsort(conditions)
-        places = [
-            order[np.searchsorted(conditions, some, sorter=order)]
-            for some in (self.normal[contacts], self.tangential[rows], np.intersect1d(self.twice, conditions))
-        ]
-        owner = (np.cumsum(contacts) - 1)[self.owner[rows]]
         return replace(
-            self, normal=places[0], area=self.area[contacts],
-            spacing=self.spacing[contacts], law=self.law[contacts], tangential=places[1], owner=owner,
-            tangents=self.tangents[rows], twice=places[2],
+            self, normal=places_of(self.normal[contacts], conditions), area=self.area[contacts],
+            spacing=self.spacing[contacts], law=self.law[contacts],
+            tangential=places_of(self.tangential[rows], conditions),
+            owner=(np.cumsum(contacts) - 1)[self.owner[rows]], tangents=self.tangents[rows],
+            twice=places_of(np.intersect1d(self.twice, conditions), conditions),
         )  # fmt: skip
 
 
+def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
+    """Index of some conditions among others, in any order."""
+    order = np.argsort(conditions)
+    return order[np.searchsorted(conditions, some, sorter=order)]
+
+
 class SlipState(NamedTuple):
-    """State of friction (T tangential rows, C contacts).
+    """State of friction (T tangential rows, C contacts)."""
 
-    Attributes:
-        position: slack of the tangential rows, from which the next increment slips, (T,).
-        path: length that each contact has slipped while closed, (C,).
-        work: energy dissipated by friction there, (C,).
-        wear: integral of the pressure along the slip, (C,): Archard's wear in depth per unit of his constant.
-        pressure: current force of its pressure, (C,).
-        bound: current largest tangential force, (C,).
-        statuses: 0 open, 1 sticks, 2 slips, (C,).
-    """
-
-    position: np.ndarray
-    path: np.ndarray
-    work: np.ndarray
-    wear: np.ndarray
-    pressure: np.ndarray
-    bound: np.ndarray
-    statuses: np.ndarray
+    position: np.ndarray  # slack of the tangential rows, from which the next increment slips, (T,)
+    path: np.ndarray  # length that each contact has slipped while closed, (C,)
+    work: np.ndarray  # energy dissipated by friction there, (C,)
+    wear: np.ndarray  # pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
+    pressure: np.ndarray  # current force of its pressure, (C,)
+    bound: np.ndarray  # current largest tangential force, (C,)
+    statuses: np.ndarray  # 0 open, 1 sticks, 2 slips, (C,)
 
     def counted(self) -> dict[str, int]:
         """See :meth:`Memory.counted`."""
@@ -298,13 +250,13 @@ class SlipState(NamedTuple):
     ) -> SlipState:
         """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
 
-        Tangential slack is the slip of the increment. Bounds and pressures are averaged over the increment, which is
-        exact for proportional growth; a contact that opens has slipped half of the increment while closed.
+        Tangential slack is the slip of the increment. Bounds and pressures are averaged over it, which is exact for
+        proportional growth; a contact that opens has slipped half of the increment while closed.
         """
         slip = slack[friction.tangential]
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
-        slipped = friction.slid(slip)
+        slipped = friction.lengths(slip)
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)

@@ -79,25 +79,35 @@ class FrictionForce(OfContact):
 
 
 @dataclass(frozen=True)
-class LargestSlip(OfContact):
+class _Accumulated(OfContact):
+    """The largest value, or the sum, of an accumulated quantity of friction in a contact, times a constant."""
+
+    quantity: ClassVar[str]
+    largest: ClassVar[bool] = True
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        own, _ = _sliding(self, probe)
+        factor = float(getattr(self, "constant", 1.0))
+        return Remembered(self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest)
+
+
+@dataclass(frozen=True)
+class LargestSlip(_Accumulated):
     """Largest accumulated slip of a node of a contact."""
 
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "path", largest=True)
+    quantity: ClassVar[str] = "path"
 
 
 @dataclass(frozen=True)
-class DissipatedWork(OfContact):
+class DissipatedWork(_Accumulated):
     """Accumulated energy dissipated by friction of a contact."""
 
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "work", largest=False)
+    quantity: ClassVar[str] = "work"
+    largest: ClassVar[bool] = False
 
 
 @dataclass(frozen=True)
-class LargestWear(OfContact):
+class LargestWear(_Accumulated):
     """Largest accumulated wear depth by Archard's law: a constant times the integral of the pressure over the slip.
 
     It is an output only: gaps do not change with it.
@@ -106,16 +116,14 @@ class LargestWear(OfContact):
         constant: wear depth per pressure and length.
     """
 
+    quantity: ClassVar[str] = "wear"
+
     constant: float
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_number(self.constant) or self.constant < 0:
             raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
 
 
 @dataclass(frozen=True)
@@ -137,25 +145,13 @@ class SlipArea(StickArea):
     sticks: ClassVar[bool] = False
 
 
-def _remembered(
-    output: OfContact, probe: ModelProbe, quantity: str, *, largest: bool, factor: float = 1.0
-) -> Functional:
-    """Functional of an accumulated quantity of friction in the contact of an output."""
-    own, _ = _sliding(output, probe)
-    return Remembered(output.name, output.unit, *no_rows(), own, quantity, factor, largest)
-
-
 def _sliding(output: OfContact, probe: ModelProbe) -> tuple[np.ndarray, Friction]:
-    """Contacts with friction, by their number there, of the pair of an output, and the friction.
-
-    Raises:
-        SceneError: for a pair without friction.
-    """
-    pressing = probe.conditions(output)
+    """Numbers of the contacts with friction of the pair of an output, and the friction; SceneError without any."""
     friction = probe.problem.law
-    own = np.flatnonzero(np.isin(friction.normal, pressing)) if isinstance(friction, Friction) else pressing[:0]
-    if not (isinstance(friction, Friction) and own.size):
-        raise SceneError(
-            f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
-        )
-    return own, friction
+    if isinstance(friction, Friction):
+        own = np.flatnonzero(np.isin(friction.normal, probe.conditions(output)))
+        if own.size:
+            return own, friction
+    raise SceneError(
+        f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
+    )

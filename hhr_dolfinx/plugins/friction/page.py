@@ -11,7 +11,7 @@ from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 _FOLDER = Path(__file__).parent
 
 
-class FrictionPage:
+class _Page:
     """See :class:`hhr_dolfinx.plugins.pages.arrays.LawOnPage`."""
 
     key = "friction"
@@ -19,7 +19,6 @@ class FrictionPage:
     header = _FOLDER / "friction.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
-        """Tangential rows and friction laws."""
         tree: dict[str, Any] = {
             name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
             for name in ("normal", "tangential", "owner", "law", "twice")
@@ -31,4 +30,4 @@ class FrictionPage:
         return tree
 
 
-PAGE = FrictionPage()
+PAGE = _Page()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -29,18 +29,15 @@ class _Tangential(PairLaw):
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """See :class:`PairLaw`."""
         return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
 
     @property
     def words(self) -> str:
-        """See :class:`PairLaw`."""
         parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
         parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(parts)
 
-    def check(self, scene: Any, what: str) -> None:
-        """See :class:`PairLaw`."""
+    def check(self, scene: LawfulScene, what: str) -> None:
         FrictionLaw.of(self, scene.parameters, what)
         if scene.shapes and self.limit is not None:
             raise SceneError(
@@ -59,7 +56,6 @@ class _Tangential(PairLaw):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, Friction]:
-        """See :class:`PairLaw`: tangential rows."""
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
         own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}
@@ -109,6 +105,8 @@ class Tresca(_Tangential):
 
 
 Law = Coulomb | Tresca
+STICK = 0.1
+"""Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of pressures."""
 
 
 def law_of(friction: Any, what: str) -> Law | None:
@@ -126,3 +124,18 @@ def law_of(friction: Any, what: str) -> Law | None:
             f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
             "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
         ) from None
+
+
+class _Deck:
+    """Facet ``deck``, see :class:`hhr_dolfinx.plugins.exporters.deck.LawInDeck`."""
+
+    def limited(self, law: Law) -> bool:
+        return law.limit is not None
+
+    def lines(self, law: Law, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
+        coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
+        if coefficient > 0.0:  # CalculiX refuses zero
+            yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
+
+
+DECK = _Deck()

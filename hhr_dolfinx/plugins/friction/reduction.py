@@ -1,20 +1,35 @@
-"""Friction in the hyper-reduction: default recipes and stages."""
+"""Friction in the hyper-reduction: default recipes, stages, and the calibration of the indicator of forces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from hhr_dolfinx.certify.constants import Stability
+import numpy as np
+
+from hhr_dolfinx.certify.compare import retraced
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import DEPENDENT
-from hhr_dolfinx.errors import NotSolvableError
-from hhr_dolfinx.plugins.friction.calibration import calibrated
+from hhr_dolfinx.errors import HHRError, NotSolvableError
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.friction.fields import FrictionalFields
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.interface import Reduction
 from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid
+from hhr_dolfinx.timing import StageLog
 
+CALIBRATED = 0.95
+"""Part of the training increments whose error lies below the indicator of forces."""
+SMALL_FORCE = 1e-3
+"""Part of the largest training force below which a relative error of forces is not meaningful."""
+EXPLAINED = 1e-9
+"""Part of the forces unexplained by modes that counts as round-off."""
+MOST_SHARE = 1e3
+"""Error per part of the forces unexplained by modes, above which that part is arbitrary."""
+MOST_TRAINING_COMPARED = 50
+"""Approximate number of training solutions that are compared if none were held out."""
 FURTHER = Enrich(2.0)
 """Enrichment of the usual recipe if its usual enrichment leaves contact rows dependent: only friction then holds a
 body, and forces of sticking contacts need modes without its rigid motions."""
@@ -31,35 +46,28 @@ def with_friction(**changes: Any) -> Recipe:
     return Recipe(**({"basis": Pod(1e-10)} | usual | changes))
 
 
-class FrictionReduction(Reduction):
-    """See :class:`~hhr_dolfinx.reduction.interface.Reduction`."""
-
+class _Reduction(Reduction):
     def recipes(self) -> tuple[Recipe, ...]:
         """With more enrichment if contact rows are dependent."""
         usual = with_friction()
         return usual, replace(usual, enrichment=FURTHER)
 
 
-REDUCTION = FrictionReduction()
+REDUCTION = _Reduction()
 
 
-def check_sticking(stability: Stability) -> None:
+def check_forces(draft: Draft) -> None:
     """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
 
     Without friction this may be correct for a body that only contact holds; with friction a second solution was found,
     10 % off.
     """
-    if abs(stability.contact_definite) < DEPENDENT:
+    if abs(draft.stability.contact_definite) < DEPENDENT:
         raise NotSolvableError(
             "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
             "enrich the basis further, enrichment=Enrich(2.0), as the usual recipe does where its first enrichment is "
             "too small, or take a condensed model"
         )
-
-
-def check_forces(draft: Draft) -> None:
-    """Forces of sticking contacts are determined."""
-    check_sticking(draft.stability)
 
 
 def complete_forces(draft: Draft) -> None:
@@ -72,8 +80,36 @@ def complete_forces(draft: Draft) -> None:
 
 
 def calibrate(draft: Draft) -> None:
-    """The indicator of forces, calibrated by known histories."""
+    """Calibrate the indicator of forces by known histories, held out ones before training ones."""
     shared = draft.shared
     with shared.log.stage("indicator", shared.task.announce):
         known = [item.histories for item in (shared.task.held_out, shared.snapshots) if item is not None]
-        (draft.model,) = calibrated(draft.model, known, shared.log)
+        draft.model = _calibrated(draft.model, known, shared.log)
+
+
+def _calibrated(model: ReducedModel, known: Sequence[Sequence[History]], log: StageLog) -> ReducedModel:
+    """The model with a calibrated indicator, by the first set of histories with usable increments."""
+    largest = max(np.linalg.norm(answer.multipliers) for item in known for one in item for answer in one.answers)
+    depth = 0.0
+    shares = list[float]()
+    for histories in known:
+        for history in histories[:MOST_TRAINING_COMPARED]:
+            try:
+                found = retraced(model, history)
+            except HHRError:  # the comparison reports it
+                continue
+            for here, there in zip(found.answers, history.answers, strict=True):
+                fields: Any = here.fields
+                inside, slack, scale = fields.indicating(here)
+                depth = max(depth, fields.interface.overlap(slack, scale))
+                said = fields.interface.misfit(inside)
+                size = float(np.linalg.norm(there.multipliers))
+                if size > SMALL_FORCE * largest and said > EXPLAINED:
+                    shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
+        if shares:
+            break
+    else:
+        log.skip("calibration", "no known increment has forces that its modes leave unexplained")
+    share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
+    own: Any = model.fields.interface
+    return model.changed(fields=replace(model.fields, interface=replace(own, share=share, depth=depth)))

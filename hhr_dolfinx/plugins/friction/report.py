@@ -9,7 +9,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction
 
 
-class FrictionReport:
+class _Report:
     """See :func:`hhr_dolfinx.plugins.checks.fields.grid_of`."""
 
     def point_fields(self, problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
@@ -35,4 +35,4 @@ class FrictionReport:
         return {"friction_traction": traction, "slip": slip, "stick_slip": status}
 
 
-REPORT = FrictionReport()
+REPORT = _Report()

@@ -23,7 +23,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
+from hhr_dolfinx.plugins.friction.surfaces import Surface
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CorrectionStepper
 from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal
@@ -72,7 +72,7 @@ class RubbingFlowStepper(CorrectionStepper):
     def __init__(self, model: Any, settings: MarchSettings):
         super().__init__(model, settings)
         self._friction = model.law
-        self._surface = WholeSurface(model.law)
+        self._surface = Surface(model.law)
         self._contact = SlidingContact(model.schur, model.law)
         self._size = 0.0
 
@@ -158,7 +158,6 @@ class RubbingFlowStepper(CorrectionStepper):
         return model.flow.modal - flowing @ model.flow.per_mode.T + pressed
 
     def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
-        """Answer from the converged correction."""
         self._strains.check(at.strain)
         found = at.found
         given = load.under(self._model.flow.moved @ at.correction)

@@ -20,10 +20,9 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.increments import Target
-from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
@@ -77,10 +76,7 @@ class Solved(NamedTuple):
 class Slider:
     """Solves increments of one model; see :class:`~hhr_dolfinx.models.histories.increments.Increments`.
 
-    Args:
-        model: full or condensed, with a :class:`Friction` as its law, and ``contacts``, which makes the contact problem
-            of each point.
-        gradient: compute derivatives too.
+    The model is full or condensed, with a :class:`Friction` as its law; its ``contacts`` makes the contact problems.
 
     Attributes:
         friction: on the conditions of the model.
@@ -93,7 +89,7 @@ class Slider:
         self.gradient = gradient
         self.friction: Friction = model.law
         self._far = FarSliding()
-        self.surface = surface_of(model)
+        self.surface = Surface.of(model)
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
         self.largest = 0.0
@@ -102,9 +98,13 @@ class Slider:
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies without slip."""
         forces = np.zeros(self.model.own_conditions)
-        changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
-        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
+        slip = SlipState.at_rest(self.surface.whole)
+        return Reached(point, time, forces, None, gap, slip, weights, self._no_changes)
+
+    @property
+    def _no_changes(self) -> np.ndarray:
+        return np.zeros((self.friction.tangential.size, len(self.model.parameters.names)))
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
         """State after a step that the full model solved before."""
@@ -115,12 +115,12 @@ class Slider:
         problem = self.model.problem.at(answer.parameter)
         slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
         gap = slack[self.friction.normal]
-        changes = np.zeros((self.friction.tangential.size, answer.parameter.size))
-        return Reached(answer.parameter, answer.time, forces, answer.active, gap, answer.memory[SLIP], weights, changes)
+        slip = answer.memory[SLIP]
+        return Reached(answer.parameter, answer.time, forces, answer.active, gap, slip, weights, self._no_changes)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
-        time, point, weights = target
+        point = target.point
         contact = self._contact_at(point)
         of_motions = None if contact.kernel is None else contact.kernel.equalities.contact_of_motions
         if self._sliding is None or self._sliding.given is not contact.schur:
@@ -138,12 +138,17 @@ class Slider:
             changes = changes + np.where(
                 found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
             )
-        gap = found.slack[self.friction.normal]
+        return Solved(found, self._reached(target, found, slip, changes), contact, gradient)
+
+    def _reached(
+        self, target: Target, found: Sliding, slip: SlipState, changes: np.ndarray, *of_surfaces: np.ndarray
+    ) -> Reached:
+        """State at the end of an increment, whose forces count for the unit of errors."""
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
-        return Solved(
-            found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
-        )
+        gap = found.slack[self.friction.normal]
+        state = found.forces, found.active, gap, slip
+        return Reached(target.point, target.time, *state, target.weights, changes, *of_surfaces)
 
     def _gradient(
         self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
@@ -178,7 +183,7 @@ class Slider:
     def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
         """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
         closing = np.linalg.norm([self.held(before, half.reached), self.held(half.reached, second.reached)])
-        off = np.linalg.norm(self.forces(second) - self.forces(whole)) + closing
+        off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
         work = float(second.reached.slip.work.sum())
         change = abs(work - float(whole.reached.slip.work.sum()))
         return max(float(off) / (self.largest or 1.0), change / (work + WORK * self.energy or 1.0))
@@ -199,10 +204,6 @@ class Slider:
         if not found.unsettled.size:
             return {}
         return {found.status: f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"}
-
-    def forces(self, solved: Solved) -> np.ndarray:
-        """Forces by which two increments are compared, (M,)."""
-        return solved.found.forces
 
     def elastic_energy(self, solved: Solved) -> float:
         """Elastic energy of contact forces."""

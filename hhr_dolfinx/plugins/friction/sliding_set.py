@@ -27,7 +27,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.laws import Friction, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
@@ -51,43 +51,25 @@ GRAZING = 1e-7
 
 
 class Sliding(NamedTuple):
-    """Outcome of an increment (M rows, r rigid motions).
+    """Outcome of an increment (M rows, r rigid motions)."""
 
-    Attributes:
-        forces: of all rows, (M,).
-        active: rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool.
-        slack: of all rows, (M,); of tangential rows the slip of the increment.
-        motions: amplitudes of rigid motions of bodies that only contact holds, (r,).
-        iterations: linear systems solved.
-        sweeps: over single contacts, 0 if Newton's method converged alone.
-        status: reason for stopping.
-        unsettled: rows of pressure of the contacts that still change, if there is no convergence.
-    """
-
-    forces: np.ndarray
-    active: np.ndarray
-    slack: np.ndarray
-    motions: np.ndarray
-    iterations: int
-    sweeps: int
+    forces: np.ndarray  # of all rows, (M,)
+    active: np.ndarray  # rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
+    slack: np.ndarray  # of all rows, (M,); of tangential rows the slip of the increment
+    motions: np.ndarray  # amplitudes of rigid motions of bodies that only contact holds, (r,)
+    iterations: int  # linear systems solved
+    sweeps: int  # over single contacts, 0 if Newton's method converged alone
     status: Status
-    unsettled: np.ndarray
+    unsettled: np.ndarray = np.zeros(0, dtype=np.int64)  # rows of pressure of contacts that still change
 
 
 class Increment(NamedTuple):
-    """Loads and friction bounds of an increment.
+    """Loads and friction bounds of an increment."""
 
-    Attributes:
-        slack: without contact forces; of tangential rows less their position before the increment, (M,).
-        coefficient: of friction of each contact with friction, (C,); infinite of Tresca's law.
-        limit: upper bound of its tangential force at any pressure, (C,).
-        driving: loads along rigid motions that only contact holds, (r,).
-    """
-
-    slack: np.ndarray
-    coefficient: np.ndarray
-    limit: np.ndarray
-    driving: np.ndarray
+    slack: np.ndarray  # without contact forces; of tangential rows less their position before the increment, (M,)
+    coefficient: np.ndarray  # of friction of each contact with friction, (C,); infinite of Tresca's law
+    limit: np.ndarray  # upper bound of its tangential force at any pressure, (C,)
+    driving: np.ndarray  # loads along rigid motions that only contact holds, (r,)
 
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
@@ -102,25 +84,16 @@ def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np
 
 
 class _Given(NamedTuple):
-    """Loads and friction bounds of an increment by rows.
-
-    Attributes:
-        slack, driving: as of :class:`Increment`.
-        coefficient, limit: of each tangential row, (T,).
-        plain: only finite coefficients bound tangential forces.
-        unforced: forces that would compensate the slack, row by row, (M,).
-        round_off: round-off of the slack, as a force.
-        label: key of the coefficients.
-    """
+    """Loads and friction bounds of an increment by rows."""
 
     slack: np.ndarray
     driving: np.ndarray
-    coefficient: np.ndarray
-    limit: np.ndarray
-    plain: bool
-    unforced: np.ndarray
-    round_off: float
-    label: bytes
+    coefficient: np.ndarray  # of each tangential row, (T,)
+    limit: np.ndarray  # the same
+    plain: bool  # only finite coefficients bound tangential forces
+    unforced: np.ndarray  # forces that would compensate the slack, row by row, (M,)
+    round_off: float  # of the slack, as a force
+    label: bytes  # key of the coefficients
 
 
 class _Iterate(NamedTuple):
@@ -132,19 +105,15 @@ class _Iterate(NamedTuple):
     off: np.ndarray  # forces less their projection, (M,)
 
     def key(self) -> bytes:
-        """Key of the set of statuses."""
         at = self.statuses
         signs = np.sign(at.direction[at.slips])
         return at.acting.tobytes() + at.slips.tobytes() + self.limited[at.slips].tobytes() + signs.tobytes()
 
 
 class SlidingContact:
-    """The contact problem with friction on one S, for any number of increments; results are new arrays.
+    """The contact problem with friction on one S, (M, M), for any number of increments; results are new arrays.
 
-    Args:
-        schur: S of all rows, (M, M), not necessarily symmetric.
-        friction: which of the rows are tangential.
-        contact_of_motions: G = B R of rigid motions that only contact holds, (M, r); None without such motions.
+    ``contact_of_motions`` is G = B R of rigid motions that only contact holds, (M, r); None without such motions.
     """
 
     def __init__(self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None):
@@ -152,17 +121,17 @@ class SlidingContact:
         self.schur = schur = _softened(schur, friction)
         self.friction = friction
         self.contact_of_motions = np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
-        rows = friction.tangential
-        owner = friction.owner
-        self._rows = rows
-        self._owner = owner
+        rows = self._rows = friction.tangential
+        owner = self._owner = friction.owner
         self._normal = friction.normal[owner]  # row of pressure of each tangential row
-        self._pressures = friction.pressures(len(schur))
+        self._pressures = np.flatnonzero(friction.pressing(len(schur)))
         self._curved = np.bincount(owner, minlength=friction.normal.size)[owner] > 1
         self._turns = bool(self._curved.any())
         softness = np.abs(np.diag(schur)).copy()
         # the same for both directions of a contact: the projection is that on a disc
-        softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
+        largest = np.zeros(friction.normal.size)
+        np.maximum.at(largest, owner, softness[rows])
+        softness[rows] = largest[owner]
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
         unit = self.stiffness[:, None]
@@ -173,17 +142,14 @@ class SlidingContact:
         self._systems = SlidingSystems(self._problem)
 
     def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
-        """Solve an increment.
+        """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
 
-        Args:
-            given: its loads and bounds.
-            start: forces to start from, (M,): those of the previous increment.
-            active: statuses there, (M,) bool, with which the first system is solved; None derives them from the forces
-                and the loads.
+        The first system is solved with these statuses; None derives them from the forces and the loads.
         """
-        if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
-            return self._failed(given, start, Status.NOT_FINITE)
         motions = np.zeros(self.contact_of_motions.shape[1])
+        if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
+            nothing = np.zeros(len(start))
+            return Sliding(nothing, nothing != 0, given.slack, motions, 0, 0, Status.NOT_FINITE)
         own = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
@@ -194,7 +160,6 @@ class SlidingContact:
         return self._by_sweeps(given, own, found) if not motions.size else self._by_springs(given, own, found)
 
     def _prepared(self, given: Increment) -> _Given:
-        """Loads and bounds of an increment by rows."""
         unforced = -self.stiffness * given.slack
         plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
         return _Given(
@@ -227,11 +192,7 @@ class SlidingContact:
     def _newton(self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
         """Newton's method; the status is ``UNSETTLED`` if statuses repeat, or ``SINGULAR``.
 
-        Args:
-            given: loads and bounds of the increment.
-            start, motions: forces and motions to start from.
-            probe: of :data:`PROBES`.
-            old: steps may use factors of other statuses while they converge.
+        ``probe`` is one of :data:`PROBES`; ``old`` allows factors of other statuses while steps converge.
         """
         forces = start
         seen: set[bytes] = set()
@@ -245,7 +206,10 @@ class SlidingContact:
             balanced = self._balanced(given, forces)
             noise = TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
-                if old and not self._sound(given, at, forces, motions):
+                # a solution may be round-off of corrected factors
+                if old and not self._systems.holds(
+                    at.statuses, self._right_of(given, at), np.concatenate([forces, motions])
+                ):
                     break
                 return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
@@ -276,8 +240,7 @@ class SlidingContact:
         """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters at constant statuses.
 
         Args:
-            given: loads and bounds of the increment.
-            found: its solution.
+            given, found: loads and bounds of the increment, and its solution.
             slack: derivatives of the slack at constant forces, (M, P).
             bounds: derivatives of coefficient and limit, (C, P) each.
             driving: derivatives of the loads along rigid motions, (r, P).
@@ -285,7 +248,7 @@ class SlidingContact:
         Raises:
             SingularError: if statuses leave forces undetermined.
         """
-        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+        at = self._at(given, found)
         owner = self._owner
         pressure = np.maximum(found.forces[self._normal], 0.0)[:, None]
         grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure)
@@ -295,10 +258,13 @@ class SlidingContact:
         solved = SlidingSystem(self._problem, at.statuses).solve(right)
         return solved[: len(slack)], solved[len(slack) :]
 
+    def _at(self, given: Increment, found: Sliding) -> _Iterate:
+        return self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
         """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
         near = GRAZING * np.abs(found.forces).max(initial=0.0)
-        at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+        at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
         size, slip = (self._length(values[self._rows]) for values in (found.forces, scaled))
@@ -348,7 +314,7 @@ class SlidingContact:
         """Magnitude of the vector of each contact, on each of its tangential rows, (T,)."""
         if not self._turns:
             return np.abs(tangential)
-        return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
+        return self.friction.lengths(tangential)[self._owner]
 
     def _balanced(self, given: _Given, forces: np.ndarray) -> bool:
         """True if forces balance the loads along rigid motions."""
@@ -359,16 +325,9 @@ class SlidingContact:
         return bool((left <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
-        """Solve for forces and motions on some statuses and directions, (M + r,).
+        """Forces and motions on some statuses and directions, (M + r,); SingularError if they are undetermined.
 
-        Args:
-            given: loads and bounds of the increment.
-            at: the statuses.
-            near: approximate forces and motions, (M + r,): if only directions differ from the factored system they are
-                improved iteratively, which is cheaper.
-
-        Raises:
-            SingularError: if they are undetermined.
+        If only directions differ from the factored system, approximate ones, ``near``, are improved, which is cheaper.
         """
         statuses = at.statuses
         right = self._right_of(given, at)
@@ -377,10 +336,6 @@ class SlidingContact:
             if nearer is not None:
                 return nearer
         return self._systems.solve(statuses, right, given.label)
-
-    def _sound(self, given: _Given, at: _Iterate, forces: np.ndarray, motions: np.ndarray) -> bool:
-        """False for a solution that is round-off of corrected factors."""
-        return self._systems.holds(at.statuses, self._right_of(given, at), np.concatenate([forces, motions]))
 
     def _right_of(self, given: _Given, at: _Iterate) -> np.ndarray:
         """Right-hand sides of an increment on some statuses, (M + r,)."""
@@ -393,13 +348,10 @@ class SlidingContact:
         return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
 
     def _right(self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
-        """Assemble the right-hand sides of all rows, (M + r, P).
+        """Right-hand sides of all rows, (M + r, P).
 
-        Args:
-            at: the statuses.
-            unforced: forces that would compensate the slack, row by row, (M, P).
-            known: tangential forces of slipping rows that do not follow a pressure, (T, P).
-            driving: loads along rigid motions, (r, P).
+        ``unforced``, (M, P), are forces that would compensate the slack, row by row, and ``known``, (T, P), those of
+        slipping rows that do not follow a pressure.
         """
         right = np.where(at.acting[:, None], unforced, 0.0)
         turning = at.slips & self._curved
@@ -420,15 +372,7 @@ class SlidingContact:
         slack[active] = 0.0
         forces = forces.copy()
         forces[~at.acting] = 0.0
-        nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED, nothing)
-
-    def _failed(self, given: Increment, start: np.ndarray, status: Status) -> Sliding:
-        none = np.zeros(len(start), dtype=bool)
-        nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(
-            np.zeros(len(start)), none, given.slack, np.zeros(self.contact_of_motions.shape[1]), 0, 0, status, nothing
-        )
+        return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED)
 
     def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
@@ -449,18 +393,13 @@ class SlidingContact:
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
         """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
-        push = (self.contact_of_motions**2).mean(axis=0)
+        motions = self.contact_of_motions
+        push = (motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
         from hhr_dolfinx.plugins.floating.statuses import WEAKNESS
 
-        every = (unit * weak for weak in WEAKNESS)
-        return tuple(
-            (
-                one,
-                SlidingContact(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, self.friction),
-            )
-            for one in every
-        )
+        springs = (unit * weak for weak in WEAKNESS)
+        return tuple((one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction)) for one in springs)
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
         """Hold the bodies by weak springs, and update the ends of these, as without friction."""
@@ -502,16 +441,8 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
         return schur
     found = schur.copy()
     own = np.diag(schur)
-    order = np.argsort(friction.tangential)
-    places = order[np.searchsorted(friction.tangential, twice, sorter=order)]
-    pressure = friction.normal[friction.owner[places]]
+    pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]
     found[twice, twice] += ELASTIC_SLIP * np.where(own[twice] > 0, own[twice], own[pressure])
-    return found
-
-
-def _largest(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    found = np.zeros(count)
-    np.maximum.at(found, owner, values)
     return found
 
 

@@ -35,56 +35,34 @@ PART = 0.3
 """Part of the factored rows that may differ; with more, another system is factored."""
 FEW = 8
 """Number of rows that may always differ."""
-GIVEN = 0
-"""Code of a row with a given force."""
-HELD = 1
-"""Code of a row without slack."""
-UP = 2
-DOWN = 3
-"""Codes of rows that slip in one direction or the other, with a bound that follows the pressure."""
-TURNING = -1
-"""Code of a row that slips in space: its coefficients change each time."""
+TURNING, GIVEN, HELD, UP, DOWN = range(-1, 4)
+"""Codes of rows: that slip in space, whose coefficients change each time; with a given force; without slack; that slip
+in one direction or the other, with a bound that follows the pressure."""
 
 DEPENDENT = "the contacts that touch leave their forces undetermined"
 
 
 class Rows(NamedTuple):
-    """The problem to which statuses refer (M rows, T tangential rows, r rigid motions).
-
-    Attributes:
-        scaled: S, followed by the effect of rigid motions on the slack, with rows multiplied by the factor that gives
-            them the unit of forces: otherwise products with given forces cancel, (M, M + r).
-        balance: resultants of forces along rigid motions, (r, M).
-        tangential: tangential rows, contact by contact, (T,).
-        normal: row of the pressure of each, (T,).
-        curved: True for rows of contacts that slip in two directions, (T,) bool.
-    """
+    """The problem to which statuses refer (M rows, T tangential rows, r rigid motions)."""
 
     scaled: np.ndarray
-    balance: np.ndarray
-    tangential: np.ndarray
-    normal: np.ndarray
-    curved: np.ndarray
+    """S, followed by the effect of rigid motions on the slack, (M, M + r). Its rows are multiplied by the factor that
+    gives them the unit of forces: otherwise products with given forces cancel."""
+    balance: np.ndarray  # resultants of forces along rigid motions, (r, M)
+    tangential: np.ndarray  # tangential rows, contact by contact, (T,)
+    normal: np.ndarray  # row of the pressure of each, (T,)
+    curved: np.ndarray  # True for rows of contacts that slip in two directions, (T,) bool
 
 
 class Statuses(NamedTuple):
-    """Statuses and directions on which a Newton step is based.
+    """Statuses and directions on which a Newton step is based."""
 
-    Attributes:
-        acting: rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool.
-        slips: acting tangential rows that slip, (T,) bool.
-        followed: coefficient of rows whose bound follows their pressure, 0 of others, (T,).
-        direction: d = y_t / |y_t|, (T,).
-        shrunk: b / |y_t|, (T,).
-        measure: factor of the stiffness by which slip enters y.
-    """
-
-    acting: np.ndarray
-    slips: np.ndarray
-    followed: np.ndarray
-    direction: np.ndarray
-    shrunk: np.ndarray
-    measure: float
+    acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    slips: np.ndarray  # acting tangential rows that slip, (T,) bool
+    followed: np.ndarray  # coefficient of rows whose bound follows their pressure, 0 of others, (T,)
+    direction: np.ndarray  # d = y_t / |y_t|, (T,)
+    shrunk: np.ndarray  # b / |y_t|, (T,)
+    measure: float  # factor of the stiffness by which slip enters y
 
     def codes(self, rows: Rows) -> np.ndarray:
         """Kind of each row, (M,) int8."""
@@ -98,15 +76,7 @@ class Statuses(NamedTuple):
 
 
 class SlidingSystem:
-    """Factors of the system on some statuses.
-
-    Args:
-        rows: the problem.
-        at: the statuses.
-
-    Raises:
-        SingularError: if it is singular.
-    """
+    """Factors of the system on some statuses; SingularError if it is singular."""
 
     def __init__(self, rows: Rows, at: Statuses):
         self._rows = rows
@@ -123,23 +93,23 @@ class SlidingSystem:
         self._along = at.direction[turning].reshape(-1, 2)
         self._across = self._along[:, ::-1] * (-1.0, 1.0)
         self._yielding = at.shrunk[turning][::2]
-        self._measure = at.measure
+        self._turns = slice(self.size, self.size + self._yielding.size)  # unknowns of turning contacts
         m = len(rows.scaled)
         moving = np.arange(m, m + len(rows.balance))
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
-        self._tested = self._tested_rows()
+        self._tested = self._tested_rows(at.measure)
         self._matrix = self._assembled()
         if self._matrix.size:  # LAPACK refuses empty matrices
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
                 raise SingularError(DEPENDENT)
 
-    def _tested_rows(self) -> np.ndarray:
+    def _tested_rows(self, measure: float) -> np.ndarray:
         """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k + r, M + r)."""
         every = self._rows.scaled
         parts = [every[self._held]]
         if self._yielding.size:
-            weights = (self._measure * self._yielding)[:, None] * self._across
+            weights = (measure * self._yielding)[:, None] * self._across
             first, second = self._turning.T
             parts.append(weights[:, :1] * every[first] + weights[:, 1:] * every[second])
         balance = self._rows.balance
@@ -150,14 +120,7 @@ class SlidingSystem:
     def _assembled(self) -> np.ndarray:
         """R^T S E, bordered by rigid motions, (k + r, k + r)."""
         m = len(self._rows.scaled)
-        found = self._expanded(self._tested[:, :m])
-        if self._yielding.size:
-            turned = np.arange(self.size, self.size + self._yielding.size)
-            found[turned, turned] += 1.0 - self._yielding
-        return np.concatenate([found, self._tested[:, m:]], axis=1) if len(self._rows.balance) else found
-
-    def _expanded(self, values: np.ndarray) -> np.ndarray:
-        """Multiply rows by E, (p, M) to (p, k)."""
+        values = self._tested[:, :m]
         own = values[:, self._held]
         if self._followers.size:
             place = np.searchsorted(self._held, self._leaders)
@@ -166,21 +129,21 @@ class SlidingSystem:
             for part in (~second, second):  # two rows of one contact follow the same pressure
                 if part.any():
                     own[:, place[part]] += values[:, self._followers[part]] * self._share[part, 0]
+        parts = [own]
         if self._yielding.size:
-            first, second = self._turning.T
-            across = values[:, first] * self._across[:, 0] + values[:, second] * self._across[:, 1]
-            own = np.concatenate([own, across], axis=1)
-        return own
+            one, two = self._turning.T
+            across = values[:, one] * self._across[:, 0] + values[:, two] * self._across[:, 1]
+            turned = np.arange(self._yielding.size)
+            across[self.size + turned, turned] += 1.0 - self._yielding
+            parts.append(across)
+        if len(self._rows.balance):
+            parts.append(self._tested[:, m:])
+        return np.concatenate(parts, axis=1) if len(parts) > 1 else own
 
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
-        """Forces and amplitudes of rigid motions, (M + r, P).
+        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
 
-        Args:
-            right: right-hand sides of all rows, (M + r, P).
-            check: look for round-off of a singular system.
-
-        Raises:
-            SingularError: if they are undetermined.
+        SingularError if they are undetermined; only ``check`` looks for round-off of a singular system.
         """
         m = len(self._rows.scaled)
         known = right.copy()
@@ -191,25 +154,19 @@ class SlidingSystem:
             pairs = right[self._turning]  # (contacts, 2, P)
             along, across = ((pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across))
             known[self._turning] = self._along[:, :, None] * along[:, None]
-            own[self.size : self.size + len(across)] = across
+            own[self._turns] = across
         if known.any():
             own -= self._tested[:, :m] @ known[:m]
         unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
-        if check:
-            self._check(unknown, own)
+        if check and not _sound(self._matrix @ unknown - own, unknown, own):
+            raise SingularError(DEPENDENT)
         known[self._held] = unknown[: self.size]
-        known[m:] = unknown[self.size + self._yielding.size :]
+        known[m:] = unknown[self._turns.stop :]
         if self._followers.size:
             known[self._followers] += self._share * known[self._leaders]
         if self._yielding.size:
-            turns = unknown[self.size : self.size + self._yielding.size]
-            known[self._turning] += self._across[:, :, None] * turns[:, None]
+            known[self._turning] += self._across[:, :, None] * unknown[self._turns][:, None]
         return known
-
-    def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
-        """Refuse a solution that is round-off of a singular system."""
-        if not _sound(self._matrix @ unknown - right, unknown, right):
-            raise SingularError(DEPENDENT)
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
         """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand sides, (M + r,)."""
@@ -227,11 +184,7 @@ def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
 
 
 class SlidingSystems:
-    """Solves systems of statuses one after another, with factors of a similar system while the differences are few.
-
-    Args:
-        rows: the problem.
-    """
+    """Solves systems of statuses in turn, with factors of a similar system while the differences are few."""
 
     def __init__(self, rows: Rows):
         self._rows = rows
@@ -243,11 +196,11 @@ class SlidingSystems:
         self._columns = np.empty((len(rows.scaled), rows.scaled.shape[1]))  # of the inverse, as rows
 
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
-        """Forces and amplitudes of rigid motions, (M + r,).
+        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
 
         Args:
             at: the statuses.
-            right: right-hand sides of all rows, (M + r,).
+            right: right-hand sides.
             label: key of the coefficients.
 
         Raises:
@@ -279,15 +232,15 @@ class SlidingSystems:
     def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
         """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not guarantee.
 
-        In a nearly singular system they may be round-off. Arguments are those of :meth:`solve`.
+        In a nearly singular system they may be round-off.
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
     def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
-        """Improve approximate forces and motions by factors of a system with other slip directions.
+        """Improve approximate unknowns, (M + r,), by factors of a system with other slip directions.
 
-        Arguments are those of :meth:`solve`, and ``unknowns``, (M + r,). None if the statuses differ.
+        None if the statuses differ.
         """
         codes = at.codes(self._rows)
         if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):

@@ -1,4 +1,4 @@
-"""Facet ``steps`` of friction: increments, steps of inelastic bodies, and the check of sliding distances."""
+"""Facet ``steps`` of friction, see :class:`~hhr_dolfinx.models.histories.steps.Steps`."""
 
 from __future__ import annotations
 
@@ -7,49 +7,78 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.increments import Increments
 from hhr_dolfinx.models.histories.steps import Steps
-from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
-from hhr_dolfinx.plugins.friction.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 
-class FrictionSteps(Steps):
-    """See :class:`~hhr_dolfinx.models.histories.steps.Steps`."""
+class _RubbingStep:
+    """Contact problems of the linearisations of one step of inelastic bodies, from a slip state and forces, (m,).
 
+    All measure slip from the beginning of the step, backward Euler for the rate of slip, to a point, (P,). The last
+    one, at which the stress has converged, gives the slip of the step.
+    """
+
+    def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
+        self._friction = model.law
+        self._surface = Surface.of(model)
+        self._point = point
+        self._coefficient, self._limit = self._friction.bounds(point)
+        self._before = before
+        self._position = self._surface.position(before)
+        self._forces = forces
+        self._on: SchurEqualities | None = None
+        self._contact: SlidingContact | None = None
+        self._last: tuple[Increment, Sliding] | None = None
+
+    def solved(
+        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
+        if self._contact is None or equalities is not self._on:
+            self._contact = SlidingContact(equalities.whole(), self._friction)
+            self._on = equalities
+        slack = free_slack.copy()
+        slack[self._friction.tangential] -= self._position
+        given = Increment(slack, self._coefficient, self._limit, np.zeros(0))
+        found = self._contact.increment(given, self._forces, active)
+        self._forces = found.forces
+        self._last = given, found
+        return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
+
+    def memory(self, unknown: np.ndarray) -> Memory:
+        assert self._last is not None
+        return Memory(slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point))
+
+
+class _Steps(Steps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        """Increments with slip in a straight line."""
         return Slider(model, settings.gradient)
 
     def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
-        """See :class:`~hhr_dolfinx.plugins.friction.rubbing_step.RubbingStep`."""
-        from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
-
-        return RubbingStep(model, point, before.memory[SLIP], before.multipliers)
+        return _RubbingStep(model, point, before.memory[SLIP], before.multipliers)
 
     def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
-        """Newton's method with an increment of friction instead of the active set."""
         from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
 
         return RubbingFlowStepper(model, settings)
 
     def at_rest(self, model: Any) -> Memory:
-        """No slip."""
-        return Memory(slip=SlipState.at_rest(surface_of(model).whole))
+        return Memory(slip=SlipState.at_rest(Surface.of(model).whole))
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
-        """Check of the sliding distance."""
         far = FarSliding()
-        friction = surface_of(model).whole
+        friction = Surface.of(model).whole
         return lambda answer: far.check(friction, answer.memory[SLIP], model.parameters.described(answer.parameter))
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
-        """See :mod:`hhr_dolfinx.plugins.friction.uniqueness`."""
         if model.equilibrium is not None:  # each linearisation has another S
             return np.nan
         from hhr_dolfinx.plugins.friction.uniqueness import coupling
@@ -59,8 +88,7 @@ class FrictionSteps(Steps):
         return np.nan if contact.kernel is not None else coupling(contact.schur, model.law, coefficient)
 
     def known_error(self, known: str) -> str:
-        """The error is that of one of several answers."""
         return f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one answer'"
 
 
-STEPS = FrictionSteps()
+STEPS = _Steps()

@@ -4,83 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.errors import FarSlidingWarning
 from hhr_dolfinx.plugins.friction.fields import FrictionalFields
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, bounds
+from hhr_dolfinx.warn import is_first, warn
+
+PRESSED = 1e-9
+"""Part of the largest pressure of a history below which a contact is not under load."""
 
 
-class Surface(Protocol):
-    """Contacts with friction; a model solves for some or all of them.
-
-    Attributes:
-        whole: friction of the whole contact surface, whose slip is stored.
-    """
-
-    whole: Friction
-
-    def position(self, slip: SlipState) -> np.ndarray:
-        """Position of the tangential rows that a model solves for, (T,)."""
-
-    def after(
-        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
-    ) -> SlipState:
-        """Slip state after an increment.
-
-        Args:
-            before: slip state before it.
-            given, found: input of the increment, and its solution.
-            unknown: computes the primal unknown at its end, (n,).
-            point: parameter there, (P,).
-        """
-
-
-def surface_of(model: Any) -> Surface:
-    """Surface of a model or an equilibrium, by its law and its fields."""
-    return WholeSurface(model.law) if model.fields.interface is None else PartSurface(model.fields)
-
-
-class WholeSurface:
-    """Surface of a model that solves for all contacts."""
+class Surface:
+    """Contacts with friction of a model that solves for all of them; ``whole`` is the friction whose slip is stored."""
 
     def __init__(self, friction: Friction):
         self.whole = friction
 
+    @classmethod
+    def of(cls, model: Any) -> Surface:
+        """Surface of a model or an equilibrium, by its law and its fields."""
+        return Surface(model.law) if model.fields.interface is None else _PartSurface(model.fields)
+
     def position(self, slip: SlipState) -> np.ndarray:
-        """See :class:`Surface`."""
+        """Position of the tangential rows that a model solves for, (T,)."""
         return slip.position
 
     def after(
         self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
     ) -> SlipState:
-        """See :class:`Surface`."""
+        """Slip state after an increment with a solution; ``unknown`` computes the primal unknown at its end, (n,)."""
         bound = given.bounds(self.whole, found.forces)
         return before.after(self.whole, found.forces, found.slack, found.active, bound)
 
 
-class PartSurface:
-    """Surface of a model that solves for the contacts of a RID; those outside follow the displacement.
-
-    Args:
-        fields: of a hyper-reduced model with friction, at one shape of its bodies.
-    """
+class _PartSurface(Surface):
+    """Surface of a hyper-reduced model, at one shape; contacts outside its RID follow the displacement."""
 
     def __init__(self, fields: Any):
         self._fields = fields
         self._frictional: FrictionalFields = fields.interface
-        self.whole = self._frictional.friction
+        super().__init__(self._frictional.friction)
 
     def position(self, slip: SlipState) -> np.ndarray:
-        """See :class:`Surface`."""
         return slip.position[self._frictional.own]
 
     def after(
         self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
     ) -> SlipState:
-        """See :class:`Surface`."""
         parts = self._frictional
         friction = parts.friction
         slack = np.zeros(self._fields.conditions)
@@ -99,3 +73,35 @@ class PartSurface:
         """Gaps of the tangential rows outside the RID, (t, 1 + T), and B V, (t, ell)."""
         rows = self.whole.tangential[self._frictional.rows_outside]
         return np.asfortranarray(self._fields.gaps[rows]), self._fields.contact_basis[rows]
+
+
+class FarSliding:
+    """Warns once of a history in which a surface slides too far for the pairing of its undeformed meshes."""
+
+    def __init__(self) -> None:
+        self._largest = 0.0
+        self._said = False
+
+    def check(self, friction: Friction, slip: SlipState, place: str) -> None:
+        """Check the slip of the whole contact surface after a step; ``place`` is the parameter, in words.
+
+        Warns:
+            FarSlidingWarning: once.
+        """
+        self._largest = max(self._largest, float(slip.pressure.max(initial=0.0)))
+        pressing = (slip.pressure > PRESSED * self._largest) & (friction.spacing > 0)
+        slid = friction.lengths(slip.position)
+        share = np.divide(slid, friction.spacing, out=np.zeros(slid.size), where=pressing)
+        if self._said or not share.max(initial=0.0) > 1.0:
+            return
+        self._said = True
+        if not is_first("far sliding"):
+            return
+        at = int(share.argmax())
+        warn(
+            f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "
+            "nodes it faces where it was meshed, and still presses on these. Pair surfaces that slide far anew, "
+            "hhr.slide(scene)",
+            FarSlidingWarning,
+            stacklevel=4,
+        )

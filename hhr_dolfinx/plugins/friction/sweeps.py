@@ -27,16 +27,10 @@ def swept(
     forces: np.ndarray,
     count: int,
 ) -> np.ndarray:
-    """Forces after some sweeps, (M,).
+    """Forces, (M,), after some sweeps from others over S, (M, M).
 
-    Args:
-        schur: S, (M, M).
-        friction: which of the rows are tangential.
-        pressures: rows of pressures, (n,).
-        stiffness: force that changes the slack of a row by one, (M,).
-        given: the :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
-        forces: to start from, (M,).
-        count: number of sweeps.
+    ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of a row by one, (M,),
+    and ``given`` the :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)
@@ -70,7 +64,7 @@ def _sweep(
     forces: np.ndarray,
     count: int,
 ) -> None:
-    """Run the sweeps in place; see :func:`swept`."""
+    """Run the sweeps in place."""
     y = np.zeros(2)
     for _ in range(count):
         for k in range(pressures.size):

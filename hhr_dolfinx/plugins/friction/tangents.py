@@ -7,7 +7,6 @@ normal: B U <= D of thesis (1.27) gains rows whose slack decreases by the relati
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
+from hhr_dolfinx.contact.law import MeshArrays
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
@@ -45,8 +45,7 @@ def with_tangents(
     displacements slide both sides past each other, friction does no work on unknowns and enters resultants as a force.
 
     Args:
-        rows: conditions of pressures.
-        pairs: contact pair of each, (n,).
+        rows, pairs: conditions of pressures, and the contact pair of each, (n,).
         laws: of the pairs that have friction.
         free: dofs that are not imposed, (N,) bool.
         lifts: imposed displacements, (N, 1 + T).
@@ -85,12 +84,6 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     The minimum of the distance between partners, for a single partner that to the nodes of its cells along the surface,
     and the distance to the nearest slave of another row of the pair, unless slaves are partners too, as in a double
     pass.
-
-    Args:
-        rows: of pressures.
-        pairs: contact pair of each, (n,).
-        normals: of each, (n, dim).
-        mesh: whose nodes these are.
     """
     points = mesh.points
     entries = rows.matrix.tocoo()
@@ -114,19 +107,8 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     return np.where(np.isfinite(found) & [len(own) > 0 for own in partners], found, 0.0)
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """Nodes and cells.
-
-    Attributes:
-        points: nodes, (nodes, dim).
-        cells: nodes of each cell, (cells, k).
-        order: degree of the displacement.
-    """
-
-    points: np.ndarray
-    cells: np.ndarray
-    order: int = 1
+class Mesh(MeshArrays):
+    """Nodes and cells, with their neighbours."""
 
     @cached_property
     def bodies(self) -> np.ndarray:
@@ -158,12 +140,6 @@ def _movable(
 
     If all of its rows are independent on free dofs they are kept. Otherwise they are rotated, and imposed combinations
     are left out, unless imposed displacements move them: a mask, (T',), is True for those without free dofs.
-
-    Args:
-        matrix: tangential rows, dim - 1 for each contact, (T, N).
-        free: dofs that are not imposed, (N,) bool.
-        lifts: imposed displacements, (N, 1 + T).
-        dim: components of the displacement at a node.
     """
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     imposed = abs(matrix.multiply(~free) @ lifts)
@@ -189,17 +165,9 @@ def _said_twice(
 ) -> np.ndarray:
     """Tangential rows that leave a part of their forces undetermined, (k,).
 
-    These are rows of contacts on whose nodes other conditions are the same, and rows without free dofs.
-
-    In a corner between two surfaces a tangent of one is the normal of the other: if both are closed and stick, the
-    distribution of the force is undetermined.
-
-    Args:
-        pressing: rows of all pressures on free dofs, (n, N).
-        matrix: tangential rows on free dofs, (T, N).
-        normal: row of the pressure of each contact, (C,).
-        owner: contact of each tangential row, (T,).
-        dim: components of the displacement at a node.
+    These are rows without free dofs, and those of contacts on whose nodes other conditions are the same. In a corner
+    between two surfaces a tangent of one is the normal of the other: if both are closed and stick, the distribution of
+    the force is undetermined. ``pressing`` and ``matrix`` are pressures and tangential rows on free dofs.
     """
     found = [np.flatnonzero(np.diff(matrix.indptr) == 0)]
     for contact, others in _sharing_nodes(pressing, normal, dim).items():
@@ -257,15 +225,10 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
 
 
 def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B with tangents instead of their normals, (m k, N), the k of each row in sequence.
-
-    Args:
-        matrix: rows sum_j w_j n·u_j, (m, N).
-        normals: n of each row, (m, dim).
-        tangents: (m, k, dim).
+    """Rows of B, (m, N), with k tangents each, (m, k, dim), instead of their normals, (m, dim): (m k, N).
 
     Raises:
-        SceneError: for rows that are not along a single normal.
+        SceneError: for rows that are not along a single normal, as sum_j w_j n·u_j is.
     """
     m, dim = normals.shape
     coo = matrix.tocoo()

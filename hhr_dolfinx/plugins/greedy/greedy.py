@@ -58,39 +58,22 @@ NOTHING = 1e-12
 
 
 class Round(NamedTuple):
-    """Quality of one model of a greedy training.
-
-    Attributes:
-        answers: points, or paths, that it was trained on.
-        worst: largest indicator among the candidates.
-        middle: their median.
-    """
+    """Quality of one model of a greedy training."""
 
     answers: int
+    """Points, or paths, that it was trained on."""
     worst: float
+    """Largest indicator among the candidates."""
     middle: float
+    """Their median."""
 
 
 class Choice(NamedTuple):
-    """Points chosen by a greedy training.
-
-    Attributes:
-        points: of the box, in the order in which they were chosen, (S, P).
-        rounds: of each model on the way.
-        recipe: of these models, for which the points were chosen.
-    """
+    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and their recipe."""
 
     points: np.ndarray
     rounds: tuple[Round, ...]
     recipe: Recipe
-
-
-def _check_family(family: object) -> None:
-    """StudyError for what is no family of paths; its type is imported only by trainings that have one."""
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-
-    if not isinstance(family, PathFamily):
-        raise StudyError(f"family = {family!r} of Greedy must be a PathFamily")
 
 
 @dataclass(frozen=True)
@@ -140,15 +123,14 @@ class Greedy:
             raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
         if not isinstance(self.recipe, Recipe | None):
             raise StudyError(f"recipe = {self.recipe!r} of Greedy must be a Recipe")
-        if self.family is not None:
-            _check_family(self.family)
+        if self.family is not None:  # the type is imported only by trainings that have one
+            from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+            if not isinstance(self.family, PathFamily):
+                raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
     def space(self, scene: Any) -> ParameterSpace:
-        """Box of the points.
-
-        Raises:
-            StudyError: for a family with elastic bodies, none with inelastic ones, or one of another scene.
-        """
+        """Box of the points; StudyError for a family that does not fit the scene, or none with inelastic bodies."""
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
             raise StudyError(
@@ -227,16 +209,12 @@ class Greedy:
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
     def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
-        """Samplings of the first points, and of the candidates."""
-        start: Any = Lattice(20)
-        candidates: Any = Lattice(1000)
-        if self.family is None and full.problem.varies:
-            start = Sobol(-(-self.budget // 2))
-            candidates = Sobol(2048, seed=5)
+        varies = self.family is None and full.problem.varies
+        start = Sobol(-(-self.budget // 2)) if varies else Lattice(20)
+        candidates = Sobol(2048, seed=5) if varies else Lattice(1000)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
     def _recipe(self, full: FullOrderModel) -> Recipe:
-        """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
         if self.family is not None:
@@ -244,11 +222,9 @@ class Greedy:
         return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
 
     def _queries(self, points: np.ndarray) -> Any:
-        """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
     def _score(self, full: FullOrderModel) -> Score:
-        """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
@@ -266,16 +242,16 @@ class Greedy:
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
                 found = np.full((len(mine), 1), UNKNOWN)
             else:
-                found = score(model, known, self._answers(model, mine))
-                found = found.reshape(len(mine), -1) if len(mine) else np.zeros((0, 1))
+                if len(mine):
+                    found = score(model, known, self._answers(model, mine)).reshape(len(mine), -1)
                 found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
     def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
-            return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
-        return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
+            return list(model.solve_many(points, outside="ignore", raise_on_failure=False))
+        return [_marched(model, path) for path in self.family.paths(points)]
 
 
 def _marched(model: AnsweringModel, path: Any) -> Any:
@@ -299,14 +275,10 @@ def _chosen(
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the errors that are largest after the directions of those chosen before are removed, (k,).
+    """Numbers of the errors, (n, k), that are largest without the directions of those chosen before, up to ``count``.
 
     One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half
     the error of as many chosen by size and distance.
-
-    Args:
-        errors: of each candidate, (n, k).
-        count: most numbers.
     """
     left = errors.copy()
     chosen = list[int]()
@@ -326,18 +298,10 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
 def apart(
     candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of candidates with large values that are far from present points and from each other, (k,).
+    """Numbers of candidates, (n, P), with large values, (n,), far from present points, (S, P), and each other, (k,).
 
     The worst alone would be neighbours, which one answer improves all. So each value is weighted by the distance to the
-    nearest present or chosen point, over the average distance. Candidates that are present already are never
-    chosen.
-
-    Args:
-        candidates: (n, P).
-        values: their indicators, not negative, (n,).
-        known: present points, (S, P).
-        space: the box.
-        count: most numbers.
+    nearest present or chosen point, over the average distance. Candidates that are present already are never chosen.
     """
     lower, upper = np.array([space.lower, space.upper])
     scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
@@ -356,15 +320,7 @@ def apart(
 
 
 class KeptChoice:
-    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues.
-
-    Args:
-        folder: of the answers.
-        problem: digest of the problem that they solve, hexadecimal.
-        greedy: settings of the choice.
-        recipe: of its models.
-        space: the box, which is not part of a problem.
-    """
+    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues."""
 
     def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
         box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
@@ -385,11 +341,7 @@ class KeptChoice:
         return arrays["points"], [Round(*row) for row in rounds]
 
     def save(self, points: np.ndarray, rounds: list[Round]) -> None:
-        """Keep the choice so far.
-
-        Raises:
-            FileError: if the file cannot be written.
-        """
+        """Keep the choice so far; FileError if the file cannot be written."""
         counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
         arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
         write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)

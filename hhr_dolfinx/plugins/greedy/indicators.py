@@ -7,6 +7,7 @@ them, or one vector whose norm counts: vectors also show which errors have the s
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -44,11 +45,7 @@ class GreedyIndicator(Protocol):
     """Estimate of the errors of answers."""
 
     def prepared(self, full: FullOrderModel) -> Score:
-        """Prepare the indicator: compute all that does not depend on a reduced model.
-
-        Raises:
-            StudyError: for an unsuitable full model.
-        """
+        """Compute all that does not depend on a reduced model; StudyError for an unsuitable full model."""
 
 
 def _refuse_flow(full: FullOrderModel, name: str) -> None:
@@ -76,18 +73,17 @@ class LargestEstimate:
         return score
 
     def _of(self, item: Answer | History, full: FullOrderModel) -> float:
-        answers = item.answers if isinstance(item, History) else [item]
-        return max(self._of_answer(answer, full) for answer in answers)
-
-    def _of_answer(self, answer: Answer, full: FullOrderModel) -> float:
-        if not answer.converged:
-            return NO_ANSWER
-        estimate = answer.estimate()
-        if estimate is None:
-            raise StudyError(
-                f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
-            )
-        return max(estimate.primal_relative, estimate.dual_relative)
+        found = []
+        for answer in item.answers if isinstance(item, History) else [item]:
+            if not answer.converged:
+                return NO_ANSWER
+            estimate = answer.estimate()
+            if estimate is None:
+                raise StudyError(
+                    f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+                )
+            found.append(max(estimate.primal_relative, estimate.dual_relative))
+        return max(found)
 
 
 @dataclass(frozen=True)
@@ -147,8 +143,31 @@ class ForceError:
             ) from error
 
 
+_OfAnswer = Callable[[Answer, np.ndarray], float]
+
+
+class _OnRid(ABC):
+    """An indicator by the full equations of the RID, with the interpolated displacement of its interface, (1.72)."""
+
+    def prepared(self, full: FullOrderModel) -> Score:
+        _refuse_flow(full, f"{type(self).__name__}()")
+
+        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            domain = _Domain(full.problem, model.offline.sets)
+            interface = _interpolated(full.problem, known, answers, domain.interface)
+            of = self.of_model(full, model, known, domain)
+            pairs = zip(answers, interface, strict=True)
+            return np.array([of(answer, there) if answer.converged else NO_ANSWER for answer, there in pairs])
+
+        return score
+
+    @abstractmethod
+    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+        """Indicator of an answer, by the displacement of the interface."""
+
+
 @dataclass(frozen=True)
-class Eta:
+class Eta(_OnRid):
     """The indicator (1.73) of Fauque et al. (2018), from the full equations of the RID: eta_u + eta_λ.
 
     The displacement on the interface of the RID is interpolated between training answers, (1.72). The thesis
@@ -161,29 +180,20 @@ class Eta:
     zero; here only the conditions of the RID are solved for.
     """
 
-    def prepared(self, full: FullOrderModel) -> Score:
-        """See :class:`GreedyIndicator`."""
-        _refuse_flow(full, "Eta()")
+    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+        """See :class:`_OnRid`."""
+        floor = force_floor(full.problem, known)
 
-        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
-            floor = force_floor(full.problem, known)
-            domain = _Domain(full.problem, model.offline.sets)
-            interface = _interpolated(full.problem, known, answers, domain.interface)
+        def indicator(answer: Answer, there: np.ndarray) -> float:
+            field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
+            own = model.offline.basis[domain.inner] @ answer.unknown - field
+            return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
 
-            def indicator(answer: Answer, there: np.ndarray) -> float:
-                if not answer.converged:
-                    return NO_ANSWER
-                field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
-                own = model.offline.basis[domain.inner] @ answer.unknown - field
-                return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
-
-            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
-
-        return score
+        return indicator
 
 
 @dataclass(frozen=True)
-class Eta2:
+class Eta2(_OnRid):
     """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the interpolated field.
 
     It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. The
@@ -192,30 +202,21 @@ class Eta2:
     :class:`Eta`.
     """
 
-    def prepared(self, full: FullOrderModel) -> Score:
-        """See :class:`GreedyIndicator`."""
-        _refuse_flow(full, "Eta2()")
+    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+        """See :class:`_OnRid`."""
+        stiffness = CellStiffness.of(full, model.offline.sets.cells)
 
-        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
-            domain = _Domain(full.problem, model.offline.sets)
-            interface = _interpolated(full.problem, known, answers, domain.interface)
-            stiffness = CellStiffness.of(full, model.offline.sets.cells)
+        def indicator(answer: Answer, there: np.ndarray) -> float:
+            inside = domain.at(answer.parameter)
+            dofs = inside.part.dofs
+            field = model.offline.basis[dofs] @ answer.unknown
+            residual = inside.residual(field, answer.multipliers, answer.parameter)
+            jump = np.zeros_like(field)
+            jump[domain.places] = there - field[domain.places]
+            size, jumped = _energy_norms(stiffness.at(answer.parameter)[dofs][:, dofs], field, jump)
+            return (inside.dual(residual) + 2 * jumped) / (size or 1.0)
 
-            def indicator(answer: Answer, there: np.ndarray) -> float:
-                if not answer.converged:
-                    return NO_ANSWER
-                inside = domain.at(answer.parameter)
-                field = model.offline.basis[inside.part.dofs] @ answer.unknown
-                residual = inside.residual(field, answer.multipliers, answer.parameter)
-                jump = np.zeros_like(field)
-                jump[domain.places] = there - field[domain.places]
-                dofs = inside.part.dofs
-                size, jumped = _energy_norms(stiffness.at(answer.parameter)[dofs][:, dofs], field, jump)
-                return (inside.dual(residual) + 2 * jumped) / (size or 1.0)
-
-            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
-
-        return score
+        return indicator
 
 
 def _energy_norms(stiffness: csr_matrix, *fields: np.ndarray) -> tuple[float, ...]:
@@ -245,10 +246,6 @@ def _interpolated(
 class _Domain:
     """The full equations of a RID at any point, factored once for constant stiffness.
 
-    Args:
-        problem: the whole problem.
-        sets: of the RID.
-
     Attributes:
         inner: dofs of A, in the whole problem.
         interface: dofs of the RID outside A, in the whole problem.
@@ -265,16 +262,11 @@ class _Domain:
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:
-        """The equations at a point, (P,)."""
         return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
 
 
 class _Inside:
-    """The full equations of a RID at one stiffness.
-
-    Args:
-        part: restriction of the whole problem.
-    """
+    """The full equations of a RID, a restriction of the whole problem, at one stiffness."""
 
     def __init__(self, part: Restriction):
         self.part = part

@@ -10,7 +10,7 @@ PLUGIN = Plugin(
         "hhr_dolfinx.plugins.local.splitting": "Splitting",
     },
     classes={"hhr_dolfinx.plugins.local.models": "Choice LocalModels"},
-    kinds={"local": "hhr_dolfinx.plugins.local.training:local"},
+    kinds={"local": "hhr_dolfinx.plugins.local.reductor:local"},
     reductors={
         "local": Way(
             "hhr_dolfinx.plugins.local.reductor:Local",

@@ -48,22 +48,19 @@ STILL = 1e-12
 
 
 class Member(NamedTuple):
-    """One local model, for a record.
-
-    Attributes:
-        snapshots: numbers of its training answers.
-        own: number of them in its part.
-        ell_bar, N_lambda_C: modes and contact conditions.
-        estimate: 95th percentile of the estimated relative errors at random points of its part; NaN without estimates.
-        added: answers of the full model that were added to its training.
-    """
+    """One local model, for a record."""
 
     snapshots: np.ndarray
+    """Numbers of its training answers."""
     own: int
+    """Number of them in its part."""
     ell_bar: int
     N_lambda_C: int
+    """Modes and contact conditions."""
     estimate: float
+    """95th percentile of the estimated relative errors at random points of its part; NaN without estimates."""
     added: int
+    """Answers of the full model that were added to its training."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +69,6 @@ class LocalFacts:
 
     Attributes:
         points: all training points, (S, P), including those added later; empty during the construction.
-        members: the models.
         splits: splits with their reasons, in words.
         missed: models that miss their targets, with the reasons, in words.
     """
@@ -81,6 +77,14 @@ class LocalFacts:
     members: list[Member] = field(default_factory=list)
     splits: list[str] = field(default_factory=list)
     missed: list[str] = field(default_factory=list)
+
+    def add(
+        self, model: ReducedModel, snapshots: np.ndarray, own: int, errors: np.ndarray, doubts: list[str], added: int
+    ) -> None:
+        """Record the next model."""
+        self.missed.extend(f"local model {len(self.members)}: {doubt}" for doubt in doubts)
+        p95 = summary(errors)["p95"] if errors.size else float("nan")
+        self.members.append(Member(snapshots, own, *sizes_of(model), p95, added))
 
 
 @dataclass(frozen=True)
@@ -110,11 +114,9 @@ class Clusters:
     conditions: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers."""
-        for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
-            if getattr(self, name) is None and name in ("modes", "conditions"):
-                continue
-            check_counts(**{name: (getattr(self, name), least)})
+        check_counts(count=(self.count, 1), seed=(self.seed, 0))
+        limits = {"modes": self.modes, "conditions": self.conditions}
+        check_counts(**{name: (most, 1) for name, most in limits.items() if most is not None})
         for name in ("overlap", "strip"):
             if not (is_number(getattr(self, name)) and 0 <= getattr(self, name) < 1):
                 raise StudyError(f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05")
@@ -127,11 +129,10 @@ class Clusters:
         snapshots = training.snapshots
         record = Record(self, 0, LocalFacts(), None, StageLog())
         space = full.parameters
-        points = training.snapshots.points
         width = np.array(space.upper) - space.lower
         with record.log.stage("clusters"):
-            choice, members = self._on_grid(snapshots, full) or self._anywhere(snapshots, full, width)
-        labels = choice.many(points)[0]
+            choice, members = self._on_grid(snapshots) or self._anywhere(snapshots, space, width)
+        labels = choice.many(snapshots.points)[0]
         models = []
         for number in progress(range(self.count)):
             own = snapshots.take(members[number])
@@ -145,9 +146,7 @@ class Clusters:
             with record.log.stage("models"):
                 model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
             models.append(model)
-            record.missed.extend(f"local model {number}: {doubt}" for doubt in doubts)
-            count = int((labels == number).sum())
-            record.members.append(Member(members[number], count, *sizes_of(model), p95(errors), 0))
+            record.facts.add(model, members[number], int((labels == number).sum()), errors, doubts, 0)
         return together(models, choice.reaching(self.strip * width), snapshots, record)
 
     def _best(
@@ -177,12 +176,11 @@ class Clusters:
         return min(found, key=lambda item: item[0])[1:]
 
     def _check_sizes(self, modes: int, conditions: int) -> None:
-        """Raise StudyError for a model that is larger than allowed."""
-        for found, most, what in ((modes, self.modes, "modes"), (conditions, self.conditions, "conditions")):
-            if most is not None and found > most:
-                raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
+        """StudyError for a model that is larger than allowed."""
+        for found, most, what in above((modes, conditions), (self.modes, self.conditions)):
+            raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
 
-    def _on_grid(self, snapshots: SnapshotSet, full: FullModel) -> tuple[Choice, list[np.ndarray]] | None:
+    def _on_grid(self, snapshots: SnapshotSet) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
         from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
 
@@ -194,20 +192,28 @@ class Clusters:
         choice = tree_of_cells(cells, found.labels)
         return choice, [found.snapshots(number) for number in range(self.count)]
 
-    def _anywhere(self, snapshots: SnapshotSet, full: FullModel, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
+    def _anywhere(
+        self, snapshots: SnapshotSet, space: ParameterSpace, width: np.ndarray
+    ) -> tuple[Choice, list[np.ndarray]]:
         """Partition by a forest, and the snapshots of each cluster with those near its borders."""
         from hhr_dolfinx.plugins.local.clusters import forest_tree, snapshot_labels
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
-        loaded, nearest = loaded_snapshots(snapshots, full.parameters)
+        loaded, nearest = _loaded(snapshots, width)
         labels[loaded] = snapshot_labels(snapshots.displacements[:, loaded], self.count, seed=self.seed)
         labels = labels[nearest]
-        choice = forest_tree(snapshots.points, labels, full.parameters, self.seed)
-        members = []
-        for number in range(self.count):
-            near = _by(choice, number, snapshots.points, self.overlap * width)
-            members.append(np.flatnonzero(near | (labels == number)))
-        return choice, members
+        choice = forest_tree(snapshots.points, labels, space, self.seed)
+        reach = self.overlap * width
+        return choice, [
+            np.flatnonzero(_by(choice, number, snapshots.points, reach) | (labels == number))
+            for number in range(self.count)
+        ]
+
+
+def above(found: tuple[int, int], most: tuple[int | None, int | None]) -> list[tuple[int, int, str]]:
+    """Number, limit and name of the modes and conditions of a model that are above their limits."""
+    rows = zip(found, most, ("modes", "conditions"), strict=True)
+    return [(size, limit, what) for size, limit, what in rows if limit is not None and size > limit]
 
 
 def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> np.ndarray:
@@ -226,16 +232,11 @@ def moving(columns: np.ndarray) -> np.ndarray:
     return sizes > STILL * sizes.max(initial=0.0)
 
 
-def loaded_snapshots(snapshots: SnapshotSet, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the snapshots that are not zero, which have a direction, and for each the nearest one of them.
-
-    Raises:
-        StudyError: if all are zero.
-    """
+def _loaded(snapshots: SnapshotSet, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the snapshots that are not zero, which have a direction, and for each the nearest one of them."""
     loaded = np.flatnonzero(moving(snapshots.displacements))
     if not loaded.size:
         raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
-    width = np.array(space.upper) - space.lower
     unit = snapshots.points / np.where(width > 0, width, 1.0)
     return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
 
@@ -244,15 +245,14 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     """Random points of the boxes of a model, (n, P); empty if it has no box."""
     width = np.array(space.upper) - space.lower
     boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
-    volumes = np.array(
-        [np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0)) for low, high in boxes]
-    )
-    rng = np.random.default_rng(seed)
+    lows, highs = np.array(boxes).reshape(-1, 2, width.size).transpose(1, 0, 2)
+    volumes = np.where(width > 0, (highs - lows) / np.where(width > 0, width, 1.0), 1.0).prod(axis=1)
     if not volumes.sum() > 0:
-        return np.zeros((0, len(space.names)))
+        return np.zeros((0, width.size))
+    rng = np.random.default_rng(seed)
     chosen = rng.choice(len(boxes), DRAWN, p=volumes / volumes.sum())
-    low, high = (np.array([box[end] for box in boxes])[chosen] for end in (0, 1))
-    return low + rng.random(low.shape) * (high - low)
+    low = lows[chosen]
+    return low + rng.random(low.shape) * (highs[chosen] - low)
 
 
 def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> SnapshotSet | None:
@@ -299,11 +299,6 @@ def built(
 def sizes_of(model: ReducedModel) -> tuple[int, int]:
     """Modes and contact conditions."""
     return model.problem.contact_trial.shape[1], model.problem.contact_trial.shape[0]
-
-
-def p95(errors: np.ndarray) -> float:
-    """95th percentile; NaN without estimates."""
-    return summary(errors)["p95"] if errors.size else float("nan")
 
 
 def least_forces(full: FullModel, snapshots: SnapshotSet) -> float:

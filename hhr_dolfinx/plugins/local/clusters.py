@@ -1,9 +1,8 @@
 """Parts of the box with answers near one small space, thesis section 4.2: k-medoids of cells, or of snapshots.
 
-On a regular grid its cells are clustered, by the spaces of the snapshots at their corners. A snapshot at a border then
-belongs to both sides. Without a grid, snapshots themselves are clustered.
-
-Cuts through the box then separate the labelled points: they select the local model that answers, section 4.2.2.
+On a regular grid its cells are clustered, by the spaces of the snapshots at their corners; a snapshot at a border
+belongs to both sides. Without a grid, snapshots are clustered. Cuts through the box then separate the labelled points:
+they select the local model that answers, section 4.2.2.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx import compat
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
@@ -25,6 +23,14 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 
+with extra("local", "a classifier of parameters"):
+    from sklearn.ensemble import RandomForestClassifier
+    from sklearn.tree import DecisionTreeClassifier
+
+DRAWN = 20_000
+"""Points at which one tree learns the labels of a forest."""
+TREES = 100
+"""Trees of a forest."""
 STARTS = 5
 """Random starts of k-medoids, in addition to a greedy one; the best result counts."""
 SAME = 1e-9
@@ -32,26 +38,15 @@ SAME = 1e-9
 
 
 class GridCells(NamedTuple):
-    """Cells of a regular grid, in the order of its points.
+    """Cells of a regular grid, in the order of its points."""
 
-    Attributes:
-        cells: lower and upper corner of each, (C, 2, P); flat along a parameter of which the grid has one value.
-        corners: numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary.
-    """
-
-    cells: np.ndarray
-    corners: np.ndarray
+    cells: np.ndarray  # lower and upper corner, (C, 2, P); flat along a parameter of which the grid has one value
+    corners: np.ndarray  # numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary
 
 
 @dataclass(frozen=True)
 class CellClusters:
-    """Clusters of cells of a regular grid.
-
-    Attributes:
-        grid: the cells.
-        labels: of each cell, (C,), from 0.
-        dissimilarity: (4.1), (C, C).
-    """
+    """Clusters of cells of a regular grid: labels from 0, (C,), and (4.1), (C, C)."""
 
     grid: GridCells
     labels: np.ndarray
@@ -63,10 +58,7 @@ class CellClusters:
 
 
 def grid_cells(points: np.ndarray) -> GridCells:
-    """Cells of a regular grid of any number of parameters, with any spacing.
-
-    Args:
-        points: (S, P), in any order, as of :meth:`ParameterSpace.grid`.
+    """Cells of a regular grid of any number of parameters, with any spacing, from its points in any order, (S, P).
 
     Raises:
         ReductionError: for points that are no grid, or a single one.
@@ -96,15 +88,9 @@ def grid_cells(points: np.ndarray) -> GridCells:
 
 
 def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> list[np.ndarray]:
-    """Local bases of cells by POD of the snapshots at their corners, section 4.2.1.
+    """Orthonormal bases of cells, (N, a_j <= k) each: POD of the snapshots at their corners, (C, k), section 4.2.1.
 
-    Args:
-        columns: snapshots, (N, S), or their :func:`~hhr_dolfinx.reduction.subspaces.coordinates`.
-        corners: numbers of columns, (C, k).
-        tolerance: epsilon of (1.53), in (0, 1).
-
-    Returns:
-        Orthonormal bases, (N, a_j) each, a_j <= k.
+    Columns are snapshots, (N, S), or their :func:`~hhr_dolfinx.reduction.subspaces.coordinates`.
 
     Raises:
         ReductionError: for a cell whose snapshots are all zero, and for errors of POD.
@@ -128,11 +114,10 @@ def cell_labels(
     seed: int = 1,
     gram: csr_matrix | None = None,
 ) -> CellClusters:
-    """Cluster cells of a regular grid whose snapshots span similar spaces, section 4.2.1.
+    """Cluster cells of a regular grid, (S, P), whose snapshots, (N, S), span similar spaces, section 4.2.1.
 
     Args:
-        points: a grid, (S, P).
-        columns: its snapshots, (N, S).
+        points, columns: the grid, and its snapshots.
         count: K, the number of clusters.
         tolerance: of the POD of each cell. An additional mode counts as a right angle in (4.2). So a loose tolerance
             clusters cells by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
@@ -154,16 +139,9 @@ def cell_labels(
 
 
 def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: csr_matrix | None = None) -> np.ndarray:
-    """Cluster snapshots that point in similar directions, section 4.2.2.
+    """Labels from 0, (S,), of snapshots, (N, S), that point in similar directions, section 4.2.2.
 
-    Args:
-        columns: snapshots, (N, S).
-        count: K, the number of clusters.
-        seed: of the random starts of k-medoids.
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
-
-    Returns:
-        A label of each snapshot, (S,), from 0.
+    Args as of :func:`cell_labels`.
 
     Raises:
         ReductionError: for more clusters than snapshots, or snapshots that are zero or not finite.
@@ -174,16 +152,11 @@ def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: csr
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
     """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, chosen for the least sum.
 
-    Args:
-        dissimilarity: symmetric and not negative, (n, n).
-        count: K, from 1 to n.
-        seed: of random starts; the result is the best of several and of a greedy one.
-
-    Returns:
-        Labels 0 to K - 1, all of them used, in the order in which they first occur, (n,).
+    The best of several random starts and a greedy one counts. Labels 0 to K - 1, (n,), all of them used, have the order
+    in which they first occur.
 
     Raises:
-        ReductionError: for a matrix that is no dissimilarity, more clusters than items, or an invalid seed.
+        ReductionError: for a matrix that is no dissimilarity, (n, n), more clusters than items, or an invalid seed.
         MissingPackageError: without the package kmedoids.
     """
     matrix = _dissimilarity(dissimilarity)
@@ -236,23 +209,10 @@ def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rising[first], (np.cumsum(first) - 1)[np.searchsorted(rising, column)]
 
 
-with compat.extra("local", "a classifier of parameters"):
-    from sklearn.ensemble import RandomForestClassifier
-    from sklearn.tree import DecisionTreeClassifier
-
-DRAWN = 20_000
-"""Points at which one tree learns the labels of a forest."""
-TREES = 100
-"""Trees of a forest."""
-
-
 def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[int, float] | None:
-    """Axis and position of the cut that separates two labels best; None if there is no such cut.
+    """Axis and position of the cut that separates labels 0 and 1 of points in the unit box, (n, P); None without one.
 
-    Args:
-        unit: points in the unit box, (n, P).
-        labels: 0 or 1, (n,).
-        least: least part of the points on each side.
+    At least a part ``least`` of the points is on each side.
     """
     stump = DecisionTreeClassifier(max_depth=1, min_samples_leaf=max(int(least * len(unit)), 1), random_state=0)
     tree = stump.fit(unit, labels).tree_
@@ -291,7 +251,6 @@ def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, s
 
 
 def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
-    """Points of the box, scaled to the unit box."""
     lower = np.array(space.lower)
     upper = np.array(space.upper)
     return (points - lower) / np.where(upper > lower, upper - lower, 1.0)

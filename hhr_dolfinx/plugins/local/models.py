@@ -11,7 +11,7 @@ repeatedly have this form. A query passes about five cuts, in a microsecond or t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, CheckedStart
-from hhr_dolfinx.models.model import KeptModel, checked_start
+from hhr_dolfinx.models.model import NEAREST, KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -41,26 +41,20 @@ LEAF = -1
 class Choice:
     """A binary tree of cuts across the axes (n nodes, the first one is the whole box; P parameters).
 
-    Attributes:
-        axis: index of the parameter that is cut, (n,) int; -1 for a region.
-        cut: value of the cut, (n,); a point at the cut or below goes low.
-        low, high: the nodes below and above the cut, (n,) int, each with a higher number than its parent.
-        label: number of the model of a region, (n,) int.
-        reach: half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,).
-
     Raises:
         ReductionError: for an invalid tree.
     """
 
-    axis: Annotated[Integers, "nodes"]
-    cut: Annotated[Floats, "nodes"]
+    axis: Annotated[Integers, "nodes"]  # index of the parameter that is cut; -1 for a region
+    cut: Annotated[Floats, "nodes"]  # value of the cut; a point at the cut or below goes low
     low: Annotated[Integers, "nodes"]
-    high: Annotated[Integers, "nodes"]
-    label: Annotated[Integers, "nodes"]
+    high: Annotated[Integers, "nodes"]  # the nodes below and above the cut, each with a higher number than its parent
+    label: Annotated[Integers, "nodes"]  # number of the model of a region
     reach: Annotated[Floats, "P"]
+    """Half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,)."""
 
     def __post_init__(self) -> None:
-        """Refuse an invalid tree: a query would not end, or end nowhere."""
+        """A query of an invalid tree would not end, or end nowhere."""
         count = len(self.axis)
         sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
         inner = np.flatnonzero(self.axis != LEAF)
@@ -81,14 +75,14 @@ class Choice:
         return cls(none - 1, np.zeros(1), none, none, none, np.zeros(parameters))
 
     @cached_property
-    def _nodes(self) -> list[tuple[int, float, int, int]]:
-        """The nodes as plain numbers, which Python follows ten times as fast."""
-        parts = (self.axis, self.cut, self.low, self.high)
+    def _nodes(self) -> list[tuple[int, float, int, int, int]]:
+        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten times as fast."""
+        parts = (self.axis, self.cut, self.low, self.high, self.label)
         return list(zip(*(part.tolist() for part in parts), strict=True))
 
     @cached_property
-    def _plain(self) -> tuple[list[int], list[float]]:
-        return self.label.tolist(), self.reach.tolist()
+    def _reach(self) -> list[float]:
+        return self.reach.tolist()
 
     def candidates(self, point: Sequence[float]) -> tuple[int, int]:
         """Model of a point, P numbers, and near a border the model on the other side, else -1.
@@ -97,18 +91,15 @@ class Choice:
         candidates, so that the answer does not jump there.
         """
         nodes = self._nodes
-        labels, reach = self._plain
-        node = 0
+        reach = self._reach
         near = []
-        axis, cut, low, high = nodes[0]
+        axis, cut, low, high, label = nodes[0]
         while axis >= 0:
             off = point[axis] - cut
             width = reach[axis]
             if -width <= off <= width:
                 near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
-            node = low if off <= 0 else high
-            axis, cut, low, high = nodes[node]
-        label = labels[node]
+            axis, cut, low, high, label = nodes[low if off <= 0 else high]
         for _, branch in sorted(near):
             other = self._followed(branch, point)
             # both sides of a cut may belong to one model
@@ -118,13 +109,13 @@ class Choice:
 
     def _followed(self, node: int, point: Sequence[float]) -> int:
         """Model of a point in the subtree of a node."""
-        axis, cut, low, high = self._nodes[node]
+        axis, cut, low, high, label = self._nodes[node]
         while axis >= 0:
-            axis, cut, low, high = self._nodes[node := low if point[axis] <= cut else high]
-        return self._plain[0][node]
+            axis, cut, low, high, label = self._nodes[low if point[axis] <= cut else high]
+        return label
 
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Models and second candidates of many points, (n, P): two arrays of numbers of models, (n,)."""
+        """Models and second candidates of many points, (n, P): (n,) each."""
         rows = points.tolist()
         found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
         return found[:, 0], found[:, 1]
@@ -133,86 +124,37 @@ class Choice:
         """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
         found = []
-        for node, (axis, cut, low, high) in enumerate(self._nodes):
+        for node, (axis, cut, low, high, label) in enumerate(self._nodes):
             least, most = corners.pop(node)
             if axis == LEAF:
-                found.append((int(self.label[node]), least, most))
+                found.append((label, least, most))
                 continue
             # a cut may lie outside of the box
-            below = most.copy()
-            above = least.copy()
-            below[axis] = above[axis] = min(max(cut, least[axis]), most[axis])
-            corners[low] = (least, below)
-            corners[high] = (above, most)
+            corners[low], corners[high] = halves_of(least, most, axis, min(max(cut, least[axis]), most[axis]))
         return found
 
     def reaching(self, reach: np.ndarray) -> Choice:
         """The same cuts with strips of another width, (P,)."""
-        return Choice(self.axis, self.cut, self.low, self.high, self.label, np.asarray(reach, dtype=float))
+        return replace(self, reach=np.asarray(reach, dtype=float))
 
 
-class SeveralModels(KeptModel):
-    """Common part of sets of reduced models of one scene.
-
-    Attributes:
-        models: the models.
-    """
-
-    models: tuple[ReducedModel, ...]
-
-    @property
-    def members(self) -> tuple[KeptModel, ...]:
-        """The models."""
-        return self.models
-
-    def __len__(self) -> int:
-        return len(self.models)
-
-    @property
-    def fields(self) -> Reconstruction:
-        """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
-        return self.models[0].fields
-
-    def model_of(self, answer: Answer) -> int:
-        """Number of the model that gave an answer.
-
-        Raises:
-            ReductionError: if none of the models gave the answer.
-        """
-        for number, model in enumerate(self.models):
-            if model.fields is answer.fields:
-                return number
-        raise ReductionError("this answer is not of these local models")
-
-    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """See :meth:`AnsweringModel.columns`: number of the model that answered."""
-        return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
-
-    def for_file(self) -> Self:
-        """The models without their indicators, which are code."""
-        return self.changed(models=tuple(model.for_file() for model in self.models))
-
-    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
-        return iter(())
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
+def halves_of(
+    lower: np.ndarray, upper: np.ndarray, axis: int, cut: float
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Corners, (P,), of the boxes below and above a cut."""
+    below = upper.copy()
+    above = lower.copy()
+    below[axis] = above[axis] = cut
+    return (lower, below), (above, upper)
 
 
-class LocalModels(SeveralModels):
+class LocalModels(KeptModel):
     """Reduced models of one elastic scene, each for a part of the box; used like one model.
 
     Args:
         models: the models, of the same scene.
         choice: selects the model that answers.
         offline: record of their construction; None from a file.
-
-    Attributes:
-        models, choice, offline: see above.
-        parameters: the box.
 
     Raises:
         ReductionError: for models of several scenes, or a choice of models that do not exist.
@@ -228,17 +170,23 @@ class LocalModels(SeveralModels):
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
-        number, other = self.choice.candidates(point.tolist())
-        if other != LEAF:
-            number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
-        if not isinstance(start, str | None):
-            start = self._own_start(number, start)
-        model = self.models[number]
-        if model._range is not None:
-            model._range.check(point, outside)
-        return model._answered(point, start, outside, gradient)
+    def __len__(self) -> int:
+        return len(self.models)
+
+    @property
+    def members(self) -> tuple[KeptModel, ...]:
+        """The models."""
+        return self.models
+
+    @property
+    def fields(self) -> Reconstruction:
+        """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
+        return self.models[0].fields
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
 
     @property
     def own_conditions(self) -> int:
@@ -250,6 +198,38 @@ class LocalModels(SeveralModels):
         """Sizes of answers of the first model."""
         return self.models[0].sizes
 
+    def for_file(self) -> Self:
+        """The models without their indicators, which are code."""
+        return self.changed(models=tuple(model.for_file() for model in self.models))
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
+        return iter(())
+
+    def model_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer; ReductionError if none did."""
+        for number, model in enumerate(self.models):
+            if model.fields is answer.fields:
+                return number
+        raise ReductionError("this answer is not of these local models")
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """See :meth:`AnsweringModel.columns`: number of the model that answered."""
+        return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
+
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+        """Answer by the model of the part, or by the better one of two near a border."""
+        number, other = self.choice.candidates(point.tolist())
+        if other != LEAF:
+            number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
+        model = self.models[number]
+        # statuses of another model, as along a path
+        if isinstance(start, np.ndarray) and start.size != model.own_conditions:
+            start = NEAREST
+        if model._range is not None:
+            model._range.check(point, outside)
+        return model._answered(point, start, outside, gradient)
+
     def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
@@ -259,7 +239,7 @@ class LocalModels(SeveralModels):
     def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
 
-        Infinite without a solution. 1 outside the training range of the model. The larger of the relative estimates of
+        No solution: infinite. Outside the training range of the model: 1. The larger of the relative estimates of
         displacement and forces, and, if these are infinite, in units; 0 without an estimate.
         """
         criteria = np.zeros((3, len(points)))
@@ -284,14 +264,6 @@ class LocalModels(SeveralModels):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
-    def _own_start(self, number: int, start: np.ndarray) -> str | np.ndarray:
-        """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
-        statuses = np.asarray(start)
-        sizes = [len(model.problem.gaps) for model in self.models]
-        foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
-        # statuses of no model are refused by the model itself
-        return "nearest" if foreign and statuses.size in sizes else start
-
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers
@@ -303,13 +275,13 @@ class LocalModels(SeveralModels):
         found = []
         for chosen in np.unique(number):
             rows = np.flatnonzero(number == chosen)
-            how = {"raise_on_failure": raise_on_failure, "outside": outside}
-            found.append((rows, self.models[chosen].solve_many(checked[rows], **how)))
+            many = self.models[chosen].solve_many(checked[rows], raise_on_failure=raise_on_failure, outside=outside)
+            found.append((rows, many))
         return PartedAnswers.of(found, number)
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
-    """Raise ReductionError for models of several scenes, or a choice of models that do not exist."""
+    """ReductionError for models of several scenes, or a choice of models that do not exist."""
     if not models or not all(isinstance(model, ReducedModel) for model in models):
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):

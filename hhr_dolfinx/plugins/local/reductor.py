@@ -1,4 +1,4 @@
-"""Local models as a reductor. How a training is divided is no matter of the driver: splitting and clusters use it."""
+"""Local models as a reductor, and the method ``local`` of a training. Splitting or clusters divide the training."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar
 
+from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.plugins.local.models import LocalModels
 from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.reductor import POINTS, Proposal, Reductor, Search, Task
+from hhr_dolfinx.reduction.reductor import POINTS, Proposal, Reductor, Search, Task, made
 from hhr_dolfinx.study.training.answers import TrainingAnswers
 
 
@@ -19,10 +20,8 @@ from hhr_dolfinx.study.training.answers import TrainingAnswers
 class Local(Reductor[Task]):
     """Local models. Each part has a check of its own, so that they are not compared again.
 
-    Attributes:
-        how: :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, or another object with ``models``.
-        recipe: of each model; None takes the default of the scene.
-        progress: for progress bars.
+    ``how`` is :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, or another object with ``models``; a recipe of
+    None is the default of the scene.
     """
 
     how: Any = Splitting()
@@ -45,3 +44,46 @@ class Local(Reductor[Task]):
     def proposals(self, search: Search) -> Iterator[Proposal]:
         """Of the largest training alone."""
         yield Proposal(self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1]))
+
+
+def _silent(label: str) -> Callable[[Iterable], Iterable]:
+    return iter
+
+
+def local(
+    training: Any,
+    how: Any = None,
+    *,
+    recipe: Recipe | None = None,
+    checked: bool = True,
+    progress: Callable[[str], Callable[[Iterable], Iterable]] = _silent,
+) -> LocalModels:
+    """Build several small models instead of one, each for a part of the box, used like one; thesis chapter 4.
+
+    Args:
+        training: the full model with its answers.
+        how: :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, which determines the number of models, or
+            :class:`~hhr_dolfinx.plugins.local.clustered.Clusters` of a given number; None takes the first.
+        recipe, checked: of each model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+        progress: for progress bars.
+
+    Raises:
+        StudyError: for an invalid ``how``.
+        NotOfferedError: with friction, and for inelastic bodies.
+    """
+    if training.full_order.law.remembers or training.full_order.equilibrium is not None:
+        raise NotOfferedError(
+            "local models are of elastic bodies without friction: take one model of these histories, build() or "
+            "condense(), which were found as exact and quicker"
+        )
+    how = Splitting() if how is None else how
+    if not callable(getattr(how, "models", None)) or isinstance(how, type):
+        raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
+    if recipe is None and training.choice is not None:
+        recipe = training.choice.recipe
+    given = usual_recipe(training.full_order) if recipe is None else recipe
+    if not isinstance(given, Recipe):
+        raise StudyError(f"{given!r} is no recipe: give a Recipe")
+    task = Task(training.full_order, training.snapshots, training.held_out)
+    found: LocalModels = made(Local(how, given if checked else given.as_it_is(), progress("local models")), task)
+    return found

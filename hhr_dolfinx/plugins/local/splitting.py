@@ -12,17 +12,16 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.local.clustered import (
     LocalFacts,
-    Member,
     Progress,
+    above,
     built,
     force_errors,
     least_forces,
     moving,
-    p95,
     sizes_of,
     together,
 )
-from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels
+from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels, halves_of
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Record
@@ -83,7 +82,6 @@ class Splitting:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse invalid numbers."""
         given = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
         given |= {} if self.conditions is None else {"conditions": 1}
         check_counts(**{name: (getattr(self, name), least) for name, least in given.items()})
@@ -98,20 +96,13 @@ class Splitting:
 
 
 class _Part(NamedTuple):
-    """A box for one model.
+    """A box for one model."""
 
-    Attributes:
-        node: its index in the tree.
-        lower, upper: corners.
-        modes: of the model of its parent.
-        stuck: cuts in a row that hardly reduced models, or gave unreliable ones.
-    """
-
-    node: int
+    node: int  # its index in the tree
     lower: np.ndarray
     upper: np.ndarray
-    modes: float = np.inf
-    stuck: int = 0
+    modes: float = np.inf  # of the model of its parent
+    stuck: int = 0  # cuts in a row that hardly reduced models, or gave unreliable ones
 
 
 class _Run:
@@ -148,7 +139,9 @@ class _Run:
         """The halves of a part that is too large for one model; empty if its model was built."""
         room = len(self.models) + waiting + 2 <= self.settings.most
         settings = self.settings
-        self._filled(part)
+        missing = LEAST - self._inside(part, 0.0).size
+        if missing > 0:  # to separate its halves
+            self._learn(self._drawn(part, missing))
         added = 0
         for left in range(settings.rounds, -1, -1):
             rows = self._inside(part, settings.overlap)
@@ -170,37 +163,30 @@ class _Run:
             added += len(poor)
             self._learn(poor)
         self.nodes[part.node][4] = len(self.models)
-        self.record.missed.extend(
-            f"local model {len(self.models)}: {text}" for text in self._missed(model, errors) + doubts
-        )
         self.models.append(model)
-        self.record.members.append(Member(rows, own.size, *sizes_of(model), p95(errors), added))
+        self.record.facts.add(model, rows, own.size, errors, self._missed(model, errors) + doubts, added)
         return []
 
     def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
         """Targets that a model misses."""
         settings = self.settings
-        found = []
-        for size, most, what in zip(
-            sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"), strict=True
-        ):
-            if most is not None and size > most:
-                found.append(f"{size} {what} instead of {most} at most: allow more models (most), or more of them")
-        if np.isnan(errors).all():
+        found = [
+            f"{size} {what} instead of {most} at most: allow more models (most), or more of them"
+            for size, most, what in above(sizes_of(model), (settings.modes, settings.conditions))
+        ]
+        worst = float(np.fmax.reduce(errors))
+        if np.isnan(worst):
             found.append("nothing is known of its errors: its forces were not held against the wish")
-        elif not np.fmax.reduce(errors) <= settings.forces:
-            worst = float(np.fmax.reduce(errors))
+        elif not worst <= settings.forces:
             found.append(
                 f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more rounds, or train on more"
             )
         return found
 
     def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> tuple[ReducedModel, list[str]]:
-        """Model of some snapshots, checked at points of its part, and warnings of its check.
+        """Model of some snapshots, checked in its part, and warnings of its check.
 
-        Raises:
-            _TooLargeError: if it is larger than the target, or unreliable, and ``refuse`` is set.
-            UnstableModelError: if it is unreliable, and there is no alternative.
+        An unreliable one is refused: by _TooLargeError if ``refuse`` is set, as one above the limits is.
         """
         if refuse:
             self._check_sizes(rows)
@@ -224,7 +210,7 @@ class _Run:
         return self.kept[1]
 
     def _check_sizes(self, rows: np.ndarray) -> None:
-        """Raise _TooLargeError if the model of some snapshots has too many modes, or conditions."""
+        """_TooLargeError if the model of some snapshots has too many modes, or conditions."""
         settings = self.settings
         recipe = self.recipe
         with self.record.log.stage("sizes"):
@@ -241,10 +227,7 @@ class _Run:
             raise _TooLargeError(f"{conditions} contact conditions", modes)
 
     def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
-        """Two halves of a part, by a cut between two clusters of its solutions.
-
-        Empty if there is no such cut, or several before it did not help.
-        """
+        """Halves of a part, cut between two clusters of its solutions; none after several cuts that did not help."""
         from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
@@ -261,17 +244,14 @@ class _Run:
         if found is None:
             return []
         axis = found[0]
-        cut = float(part.lower[found[0]] + found[1] * width[found[0]])
-        low = len(self.nodes)
-        high = len(self.nodes) + 1
-        self.nodes[part.node][:4] = [axis, cut, low, high]
+        cut = float(part.lower[axis] + found[1] * width[axis])
+        first = len(self.nodes)
+        self.nodes[part.node][:4] = [axis, cut, first, first + 1]
         self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
         self.record.splits.append(f"{self.space.names[axis]} = {cut:.4g}, for {error}")
-        below = part.upper.copy()
-        above = part.lower.copy()
-        below[axis] = above[axis] = cut
         modes = part.modes if np.isnan(error.modes) else error.modes
-        return [_Part(low, part.lower, below, modes, part.stuck), _Part(high, above, part.upper, modes, part.stuck)]
+        boxes = halves_of(part.lower, part.upper, axis, cut)
+        return [_Part(first + k, *box, modes, part.stuck) for k, box in enumerate(boxes)]
 
     def _inside(self, part: _Part, overlap: float) -> np.ndarray:
         """Numbers of the snapshots in a part and up to ``overlap`` beyond its borders."""
@@ -282,12 +262,6 @@ class _Run:
     def _drawn(self, part: _Part, count: int) -> np.ndarray:
         """Random points of a part, (count, P)."""
         return part.lower + self.rng.random((count, len(part.lower))) * (part.upper - part.lower)
-
-    def _filled(self, part: _Part) -> None:
-        """Ensure that a part has enough snapshots to separate its halves."""
-        missing = LEAST - self._inside(part, 0.0).size
-        if missing > 0:
-            self._learn(self._drawn(part, missing))
 
     def _learn(self, points: np.ndarray) -> None:
         """Solve the full model for this part and for its neighbours."""
@@ -305,12 +279,7 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
 
 
 class _TooLargeError(Exception):
-    """A model that a part must not have; carries the reason.
-
-    Args:
-        why: reason in words.
-        modes: of the model; NaN if only some were counted, infinite for an unreliable model.
-    """
+    """A model that a part must not have, and its modes: NaN if only some were counted, infinite if it is unreliable."""
 
     def __init__(self, why: str, modes: float = np.inf):
         super().__init__(why)

@@ -253,31 +253,32 @@ class PathFamily:
     def _corners(self, values: np.ndarray) -> list[_Corner]:
         """The start, and the ends of legs with a duration, for family parameters, (P_own,)."""
         with _naming(f"path '{self._called(values)}'"):
-            return list(self._corners_of(values))
-
-    def _corners_of(self, values: np.ndarray) -> Iterator[_Corner]:
-        start, *legs = self._formulas
-        seconds = [_value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)]
-        nothing = NOTHING * max(map(abs, seconds))
-        if not nothing:
-            raise ParameterError("no leg takes any time: give one of them a duration")
-        here = self._target("the start", start, values, {})
-        yield _Corner(here, 0.0, 0)
-        for k, (leg, duration) in enumerate(zip(legs, seconds, strict=True), 1):
-            target = self._target(f"the end of leg {k}", leg, values, dict(zip(self.space.names, here, strict=True)))
-            if duration < -nothing:
-                raise ParameterError(f"leg {k} takes {duration:g} s, which must not be negative: correct the formula")
-            if duration > nothing:
-                steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
-                if steps > MOST_STEPS:
-                    raise ParameterError(f"leg {k} has {steps} steps: {MOST_STEPS} at most")
-                yield _Corner(target, duration, steps)
-                here = target
-                continue
-            jumps = np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)
-            if jumps.any():
-                changed = self.space.names[int(np.argmax(jumps))]
-                raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
+            start, *legs = self._formulas
+            seconds = [_value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)]
+            nothing = NOTHING * max(map(abs, seconds))
+            if not nothing:
+                raise ParameterError("no leg takes any time: give one of them a duration")
+            here = self._target("the start", start, values, {})
+            found = [_Corner(here, 0.0, 0)]
+            for k, (leg, duration) in enumerate(zip(legs, seconds, strict=True), 1):
+                before = dict(zip(self.space.names, here, strict=True))
+                target = self._target(f"the end of leg {k}", leg, values, before)
+                if duration < -nothing:
+                    raise ParameterError(
+                        f"leg {k} takes {duration:g} s, which must not be negative: correct the formula"
+                    )
+                if duration > nothing:
+                    steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
+                    if steps > MOST_STEPS:
+                        raise ParameterError(f"leg {k} has {steps} steps: {MOST_STEPS} at most")
+                    found.append(_Corner(target, duration, steps))
+                    here = target
+                    continue
+                jumps = np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)
+                if jumps.any():
+                    changed = self.space.names[int(np.argmax(jumps))]
+                    raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
+            return found
 
     def _target(self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]) -> np.ndarray:
         """Point of the scene at the end of a leg, (P,); parameters that it does not name are as before."""

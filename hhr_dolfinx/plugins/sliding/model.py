@@ -30,12 +30,8 @@ class SlidingModel(KeptModel):
     """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.plugins.sliding.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``. Its ``slip`` has
-    pressures, slip, wear and sticking of the slave nodes.
-
-    Args:
-        base: full or condensed, with a row for each dof of the surfaces.
-        pairs: the surfaces.
-        law: friction, whose contacts are the slave nodes, pair by pair.
+    pressures, slip, wear and sticking of the slave nodes, which are the contacts of its law, pair by pair. The ``base``
+    is full or condensed, with a row for each dof of the surfaces.
     """
 
     kept = ("base", "pairs", "law")
@@ -49,11 +45,7 @@ class SlidingModel(KeptModel):
         self.advice: Mapping[Status, str] = ADVICE
 
     def for_file(self) -> SlidingModel:
-        """The model of plain data.
-
-        Raises:
-            NotOfferedError: for a base of full order.
-        """
+        """The model of plain data; NotOfferedError for a base of full order."""
         if not isinstance(self.base, KeptModel):
             raise NotOfferedError(f"a {type(self).__name__} of the full order cannot be kept in a file: {self.instead}")
         base = self.base.for_file()

@@ -48,20 +48,13 @@ APART = 10.0
 
 @dataclass(frozen=True, eq=False)
 class SlidingPair:
-    """Two surfaces that are paired again in each increment.
+    """Two surfaces that are paired again in each increment."""
 
-    Attributes:
-        pairing: gives each node of the slave at most one row.
-        slave, master: surfaces as they are meshed, with common node numbers.
-        first: index of the first dof of the pair among all rows of its model.
-        nodes: number of nodes of both.
-    """
-
-    pairing: NodeToSurface | Mortar
+    pairing: NodeToSurface | Mortar  # gives each node of the slave at most one row
     slave: Surface
-    master: Surface
-    first: int
-    nodes: int
+    master: Surface  # as they are meshed, with common node numbers
+    first: int  # index of the first dof of the pair among all rows of its model
+    nodes: int  # number of nodes of both
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: surfaces whose nodes are not among those of both."""
@@ -90,25 +83,17 @@ class SlidingPair:
 
 
 class Paired(NamedTuple):
-    """All pairs at one position (C slave nodes, T tangential rows, n dofs of surfaces).
+    """All pairs at one position (C slave nodes, T tangential rows, n dofs of surfaces)."""
 
-    Attributes:
-        matrix: R, rows of pressures followed by tangential ones, sparse, (C + T, n).
-        gap: of the slave nodes, (C,).
-        at: displacement at which they were paired, (n,).
-    """
-
-    matrix: csr_matrix
-    gap: np.ndarray
-    at: np.ndarray
+    matrix: csr_matrix  # R, rows of pressures followed by tangential ones, (C + T, n)
+    gap: np.ndarray  # of the slave nodes, (C,)
+    at: np.ndarray  # displacement at which they were paired, (n,)
 
 
 class RepairingSlider(Slider):
-    """Solves increments of a model whose rows are all dofs of its surfaces.
+    """Solves increments of a model with ``pairs``, whose rows are all dofs of its surfaces.
 
-    Args:
-        model: with ``pairs``, and the attributes that :class:`Slider` needs.
-        exactly: whether increments are paired until their positions converge.
+    ``exactly`` pairs increments until their positions converge.
     """
 
     def __init__(self, model: Any, *, exactly: bool = False):
@@ -125,14 +110,13 @@ class RepairingSlider(Slider):
         count = len(self._contact_at(point).free_slack)
         rows = self.friction.normal.size + self.friction.tangential.size
         nothing = np.zeros(count)
-        changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self.paired(nothing, nothing).gap
         slip = SlipState.at_rest(self.friction)
-        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, changes, nothing, nothing)
+        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, self._no_changes, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
-        time, point, weights = target
+        point = target.point
         contact = self._contact_at(point)
         free = -contact.free_slack
         assert before.displacement is not None and before.surface_forces is not None
@@ -152,13 +136,7 @@ class RepairingSlider(Slider):
             if change > FAR:
                 found = found._replace(status=Status.UNSETTLED)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
-        if found.status is Status.CONVERGED:
-            self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
-        gap = found.slack[self.friction.normal]
-        changes = before.changes
-        reached = Reached(
-            point, time, found.forces, found.active, gap, slip, weights, changes, displacement, surface_forces
-        )
+        reached = self._reached(target, found, slip, before.changes, displacement, surface_forces)
         return Solved(found, reached, contact, None)
 
     def _solved_on(
@@ -219,28 +197,16 @@ class RepairingSlider(Slider):
         found, reached, contact, _ = solved
         surface_forces = reached.surface_forces
         assert surface_forces is not None
-        return Answer(
-            reached.point,
-            contact.unknown(surface_forces),
-            surface_forces,
-            surface_forces != 0.0,
-            found.iterations,
-            found.status,
-            found.sweeps > 0,
-            self.model.fields,
-            time=reached.time,
-            memory=Memory(slip=reached.slip),
-        )
+        how = found.iterations, found.status, found.sweeps > 0, self.model.fields, reached.time
+        unknown = contact.unknown(surface_forces)
+        memory = Memory(slip=reached.slip)
+        return Answer(reached.point, unknown, surface_forces, surface_forces != 0.0, *how, memory=memory)
 
 
 def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int) -> Friction:
-    """Friction of all slave nodes of some pairs, whose tangential rows follow those of pressures.
+    """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of pressures.
 
-    Args:
-        pairs: the pairs.
-        laws: of each.
-        fixed: indices of the parameters that stay while loads grow in proportion, see :class:`Friction`.
-        dim: components of the displacement at a node.
+    ``fixed`` are indices of the parameters that stay while loads grow in proportion.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
     count = sum(counts)

@@ -112,14 +112,7 @@ def _check(scene: Scene) -> None:
 
 
 def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair, which must face each other as meshed.
-
-    Raises:
-        SceneError: if they do not, or overlap; see the pairing.
-
-    Warns:
-        PairingWarning: as the pairing does.
-    """
+    """The surfaces of each pair; errors and warnings of the pairing if they do not face each other as meshed."""
     first = 0
     for item in scene.contacts:
         assert isinstance(item, REPEATED)

@@ -6,7 +6,7 @@ A parameter without an answer gets a reason and does not stop the others. Tables
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +16,7 @@ import numpy as np
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
-from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
+from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
@@ -32,6 +32,16 @@ Progress = Callable[[Iterable], Iterable]
 
 OK = "ok"
 """Status of a row that has an answer."""
+
+
+def ranks_of(comm: Comm | None) -> tuple[int, int]:
+    """Number of this rank, and of all; without MPI there is one."""
+    return (0, 1) if comm is None else (comm.rank, comm.size)
+
+
+def each_for_itself(comm: Comm | None, task: str) -> AbstractContextManager[None]:
+    """A block that each rank executes independently, see :func:`hhr_dolfinx.ranks.each_for_itself`."""
+    return nullcontext() if comm is None else ranks.each_for_itself(comm, task)
 
 
 class Answers(NamedTuple):
@@ -120,8 +130,8 @@ def answer_points(
         ParameterError: if ``points`` is no table of points, or ``outside`` is unknown.
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
-    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+    rank, size = ranks_of(comm)
+    with each_for_itself(comm, "answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
         query = Query(model, outside, displacement, estimates)
@@ -135,11 +145,7 @@ def answer_points(
 
 @dataclass(frozen=True)
 class Query:
-    """Evaluation of blocks of points with all columns of a table.
-
-    Attributes:
-        model, outside, displacement, estimates: see :func:`answer_points`.
-    """
+    """Evaluation of blocks of points with all columns of a table, see :func:`answer_points`."""
 
     model: AnsweringModel
     outside: str
@@ -220,13 +226,11 @@ class Query:
 
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without values."""
-        table = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
-        table["forces"] = np.full((count, self.model.conditions), np.nan)
-        if self.displacement:
-            table["largest_displacement"] = np.full(count, np.nan)
-        if self._other_forces:
-            table["total_force"] = np.full(count, np.nan)
-        return table
+        names = [*self.heads, *self.estimate_heads]
+        names += ["largest_displacement"] if self.displacement else []
+        names += ["total_force"] if self._other_forces else []
+        table = {name: np.full(count, np.nan) for name in names}
+        return table | {"forces": np.full((count, self.model.conditions), np.nan)}
 
     def _fill(
         self, table: dict[str, np.ndarray], columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers
@@ -241,31 +245,26 @@ class Query:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
-        if "largest_displacement" in table:
+        if self.displacement:
             found["largest_displacement"] = [self._largest(answer) for answer in many]
-        for name, values in found.items():
-            table[name][rows] = values
-        for head, values in self.model.columns(many).items():
-            columns[head][rows] = values
+        for target, values in ((table, found), (columns, self.model.columns(many))):
+            for name, value in values.items():
+                target[name][rows] = value
 
     def _estimates(self, many: SeveralAnswers) -> np.ndarray:
-        """Values of the columns of estimates, (columns, n); NaN without an estimate."""
+        """Values of the columns of estimates, (columns, n); NaN without an estimate, as of exact answers."""
+        count = len(self.estimate_heads)
         if self.bounded_outputs:
-            return np.array([self._estimate(answer.estimate()) for answer in many]).T
+            estimates = [answer.estimate() for answer in many]
+            shown = [None if item is None else list(item.shown(self.bounded_outputs).values()) for item in estimates]
+            return np.array([[np.nan] * count if values is None else values[:count] for values in shown]).T
         found = many.estimates()
         if found is None:
-            return np.full((len(self.estimate_heads), len(many)), np.nan)
+            return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
         return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
 
-    def _estimate(self, estimate: Estimate | None) -> list[float]:
-        """Values of the columns of estimates for one answer, with bounds of outputs."""
-        count = len(self.estimate_heads)
-        # answers of the full model are exact and have no estimate
-        return [np.nan] * count if estimate is None else list(estimate.shown(self.bounded_outputs).values())[:count]
-
     def _largest(self, answer: Answer) -> float:
-        """Largest displacement of any node."""
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 

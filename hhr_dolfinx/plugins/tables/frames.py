@@ -34,10 +34,8 @@ def to_pandas(model: AnsweringModel, points: object, *, outside: str = "refuse",
     with extra("tables", "a frame of pandas"):
         import pandas
 
-    names = model.parameters.names
-    answers: Any = answer_points(model, _table(points, names), outside=outside)
-    columns = {name: values for name, values in columns_of(answers).items() if forces or not name.startswith("force_")}
-    return pandas.DataFrame(dict(zip(names, answers.points.T, strict=True)) | {"status": answers.status} | columns)
+    given, answers = _answered(model, points, outside)
+    return pandas.DataFrame(given | {"status": answers.status} | columns_of(answers, forces))
 
 
 def to_xarray(model: AnsweringModel, points: object, *, outside: str = "refuse") -> Any:
@@ -57,18 +55,16 @@ def to_xarray(model: AnsweringModel, points: object, *, outside: str = "refuse")
     with extra("tables", "a data set of xarray"):
         import xarray
 
-    names = model.parameters.names
-    answers: Any = answer_points(model, _table(points, names), outside=outside)
-    values: dict[str, Any] = {
-        name: ("point", item) for name, item in columns_of(answers).items() if not name.startswith("force_")
-    }
+    given, answers = _answered(model, points, outside)
+    values: dict[str, Any] = {name: ("point", item) for name, item in columns_of(answers, forces=False).items()}
     values |= {"status": ("point", answers.status), "forces": (("point", "condition"), answers.forces)}
-    coordinates = {name: ("point", column) for name, column in zip(names, answers.points.T, strict=True)}
-    return xarray.Dataset(values, coords=coordinates)
+    return xarray.Dataset(values, coords={name: ("point", column) for name, column in given.items()})
 
 
-def _table(points: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Points as an array; columns with names are selected by name."""
-    if not hasattr(points, "keys"):
-        return np.asarray(points, dtype=float)
-    return np.column_stack([np.asarray(points[name], dtype=float) for name in names])
+def _answered(model: AnsweringModel, points: Any, outside: str) -> tuple[dict[str, np.ndarray], Any]:
+    """Parameters by name, and answers to an array of points, or to columns with names."""
+    names = model.parameters.names
+    if hasattr(points, "keys"):
+        points = np.column_stack([np.asarray(points[name], dtype=float) for name in names])
+    answers: Any = answer_points(model, np.asarray(points, dtype=float), outside=outside)
+    return dict(zip(names, answers.points.T, strict=True)), answers

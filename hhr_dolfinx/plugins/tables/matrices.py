@@ -134,7 +134,7 @@ def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
-    """Raise SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
+    """SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
     conditions, size = contact.shape
     if stiffness.shape != (size, size):
         raise SceneError(f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} dofs")
@@ -151,28 +151,27 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
 def _terms(
     parameters: ParameterSpace, amplitudes: Sequence[Any], loads: object, gaps: object, sizes: tuple[int, int]
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
-    """Amplitudes in the order of a model, and columns of loads and gaps in this order, after those of amplitude 1."""
-    theta, order = _collected(amplitudes, parameters)
+    """Amplitudes in the order of a model, affine ones first; columns of loads and gaps after those of amplitude 1."""
+    made = [_amplitude(item, parameters) for item in as_tuple("amplitudes", amplitudes)]
+    theta = Amplitudes.collect(made, parameters)
+    order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
     of_loads, of_gaps = (
-        np.pad(_array(name, given, (size, len(amplitudes)))[:, order], ((0, 0), (1, 0)))
+        np.pad(_array(name, given, (size, len(made)))[:, order], ((0, 0), (1, 0)))
         for name, given, size in zip(("loads", "gaps"), (loads, gaps), sizes, strict=True)
     )
     return theta, of_loads, of_gaps
 
 
-def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[Amplitudes, list[int]]:
-    """Amplitudes in the order of a model, affine ones first, and the number of the given term of each."""
-    made = []
-    for item in as_tuple("amplitudes", amplitudes):
-        one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
-        if not isinstance(one, Amplitude | Formula):
-            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
-        made.append(bound(one, parameters))
-        if isinstance(made[-1], Scalar):
-            remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
-            check_over_box(made[-1], parameters, "an amplitude", -np.inf, np.inf, remedy)
-    order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
-    return Amplitudes.collect(made, parameters), order
+def _amplitude(item: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
+    """An amplitude over the box, from a text, a number or an Amplitude."""
+    one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
+    if not isinstance(one, Amplitude | Formula):
+        raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
+    found = bound(one, parameters)
+    if isinstance(found, Scalar):
+        remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
+        check_over_box(found, parameters, "an amplitude", -np.inf, np.inf, remedy)
+    return found
 
 
 def _factored(stiffness: csc_matrix) -> SuperLU:
@@ -208,9 +207,7 @@ def _check_definite(schur: np.ndarray) -> None:
 
 
 def _outputs(size: int, conditions: int, areas: Any, displacements: Any, forces: Any) -> tuple[Functional, ...]:
-    """Outputs from the given arrays, each with its name."""
-    displacements = {} if displacements is None else displacements
-    forces = {} if forces is None else forces
+    displacements, forces = ({} if given is None else given for given in (displacements, forces))
     for given in (displacements, forces):
         if not isinstance(given, Mapping) or not all(isinstance(name, str) and name for name in given):
             raise SceneError(f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {given!r}")

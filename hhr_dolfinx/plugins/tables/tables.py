@@ -12,7 +12,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +25,7 @@ from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query
+from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query, each_for_itself, ranks_of
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
@@ -47,13 +47,7 @@ _STATUS = "status"
 
 
 class TableRow(NamedTuple):
-    """One row of a table of parameters.
-
-    Attributes:
-        line: number of its line in the file, from 1; the header counts.
-        cells: parameters as text, in the order of the space.
-        fault: fault of the row as a whole, or empty.
-    """
+    """A row of a table of parameters: number of its line from 1, cells in the order of the space, its fault or ""."""
 
     line: int
     cells: list[str]
@@ -114,9 +108,8 @@ def answer_table(
         path: file of the answers.
         console: console of the first rank.
         progress: wrapper of the iteration over blocks, for a progress bar.
-        displacement: include a column of the largest displacement of any node.
-        estimates: include columns of estimates of errors.
-        forces: include a column of the force of each contact condition.
+        displacement, estimates, forces: include columns of the largest displacement of any node, of estimates of
+            errors, and of the force of each contact condition.
         resume: text that identifies the model, such as a checksum of its file: blocks of an earlier run with the same
             text are kept. None starts from the beginning.
 
@@ -128,16 +121,16 @@ def answer_table(
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
     comm = ranks.world()
-    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    rank, size = ranks_of(comm)
     blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
-    with nullcontext() if comm is None else ranks.each_for_itself(comm, "preparing the answers"):
+    with each_for_itself(comm, "preparing the answers"):
         if rank == 0:
             blocks.prepare()
-    with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+    with each_for_itself(comm, "answering the table"):
         _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
     bad = list[tuple[int, str]]()
     sums: dict[str, float] = {}
-    with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
+    with each_for_itself(comm, "writing the answers"):
         if rank == 0:
             bad, sums = blocks.join()
     count = len(bad) if comm is None else comm.bcast(len(bad))
@@ -150,14 +143,7 @@ def answer_table(
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Blocks of a table, each answered into a file, and joined to one file at the end.
-
-    Attributes:
-        query: evaluation of the blocks.
-        rows: rows of the table.
-        path: file of the answers.
-        resume, forces: see :func:`answer_table`.
-    """
+    """Blocks of a table, each answered into a file, and joined to one file at the end; see :func:`answer_table`."""
 
     query: Query
     rows: Sequence[TableRow]
@@ -170,12 +156,10 @@ class _Blocks:
 
     @property
     def size(self) -> int:
-        """Rows of a block."""
         return self.query.model.rows_at_once
 
     @property
     def folder(self) -> Path:
-        """Folder of the blocks, next to the target."""
         return self.path.with_name(f"{self.path.name}.parts")
 
     @property
@@ -192,21 +176,18 @@ class _Blocks:
         return digest.hexdigest()
 
     def prepare(self) -> None:
-        """Make the folder, and empty it if its blocks are those of another table or model.
-
-        Raises:
-            FileError: if the folder has other files, or cannot be made.
-        """
+        """Make the folder, empty of blocks of another table or model; FileError if it has other files."""
         mark = {MARK: self._digest()}
         found = self._marked()
-        if self.resume is None or found != mark:
-            if found is None:
-                self._refuse_others()
-            else:
-                self._clear()
-            make_folder(self.folder)
-            with replacing(self._mark, text=True) as file:
-                json.dump(mark, file)
+        if self.resume is not None and found == mark:
+            return
+        if found is not None:
+            self._clear()
+        elif self.folder.is_dir():
+            self._refuse_others()
+        make_folder(self.folder)
+        with replacing(self._mark, text=True) as file:
+            json.dump(mark, file)
 
     def _marked(self) -> dict[str, Any] | None:
         """The mark of the folder; None if it is missing or not a folder of blocks."""
@@ -217,13 +198,7 @@ class _Blocks:
         return found if isinstance(found, dict) and found.keys() == {MARK} else None
 
     def _refuse_others(self) -> None:
-        """Refuse a folder with other files; an empty one is accepted.
-
-        Raises:
-            FileError: for a folder with other files.
-        """
-        if not self.folder.is_dir():
-            return
+        """FileError for a folder with other files; an empty one is accepted."""
         clear_leftovers(self.folder)
         if others := sorted(path.name for path in self.folder.iterdir()):
             raise FileError(
@@ -243,15 +218,17 @@ class _Blocks:
         with suppress(OSError):
             self.folder.rmdir()
 
-    def _file(self, number: int, ending: str) -> Path:
-        return self.folder / f"{number:06d}{ending}"
+    def _answers(self, number: int) -> Path:
+        return self.folder / f"{number:06d}{self.path.suffix}"
+
+    def _report(self, number: int) -> Path:
+        """File of the bad rows, the sums of further columns, and the checksum of the answers of a block."""
+        return self.folder / f"{number:06d}.json"
 
     def _is_whole(self, number: int) -> bool:
         """True if a block is complete and undamaged; other blocks are answered again."""
         try:
-            return json.loads(self._file(number, ".json").read_text())[2] == checksum(
-                self._file(number, self.path.suffix)
-            )
+            return json.loads(self._report(number).read_text())[2] == checksum(self._answers(number))
         except (OSError, ValueError, LookupError, TypeError):
             return False
 
@@ -266,20 +243,15 @@ class _Blocks:
             # the fault of a cell that is no number replaces the status of the model
             status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
             answers = answers._replace(status=status)
-            given = [row.cells for row in rows]
-            write_answers(self._file(number, self.path.suffix), space, answers, given, forces=self.forces)
+            write_answers(self._answers(number), space, answers, [row.cells for row in rows], forces=self.forces)
             bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
             sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
-            with replacing(self._file(number, ".json"), text=True) as file:
-                json.dump([bad, sums, checksum(self._file(number, self.path.suffix))], file)
+            with replacing(self._report(number), text=True) as file:
+                json.dump([bad, sums, checksum(self._answers(number))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
-        """Make one file of all blocks and remove the blocks.
-
-        Returns:
-            Numbers of the bad rows with their reasons, and the sums of further columns of the model by head.
-        """
-        parts = [self._file(number, self.path.suffix) for number in range(len(self))]
+        """Make one file of all blocks; return the bad rows with their reasons, and sums of further columns by head."""
+        parts = [self._answers(number) for number in range(len(self))]
         if self.path.suffix == PARQUET:
             join_tables(self.path, parts)
         else:
@@ -289,14 +261,13 @@ class _Blocks:
                         head = source.readline()
                         target.write(head if number == 0 else "")
                         shutil.copyfileobj(source, target)
-        reports = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
+        reports = [json.loads(self._report(number).read_text()) for number in range(len(self))]
         self._clear()
         sums = {head: sum(own[head] for _, own, _ in reports) for head in reports[0][1]}
         return [(row, why) for bad, *_ in reports for row, why in bad], sums
 
 
 def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
-    """Print the reasons why the first bad rows have no answer."""
     for number, why in bad[:SHOWN]:
         row = rows[number]
         console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
@@ -328,16 +299,20 @@ def write_answers(
     if Path(path).suffix == PARQUET:
         named = dict(zip(space.names, answers.points.T, strict=True))
         write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
-        return sum(status != OK for status in answers.status)
+    else:
+        _write_csv(path, [*space.names, _STATUS, *columns], answers, cells, columns)
+    return sum(status != OK for status in answers.status)
+
+
+def _write_csv(path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]) -> None:
     given = answers.points.tolist() if cells is None else cells
     numbers = np.column_stack(list(columns.values())) if columns else np.zeros((len(given), 0))
     line = ",".join(["%.12g"] * numbers.shape[1])
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
-        writer.writerow([*space.names, _STATUS, *columns])
+        writer.writerow(head)
         for row, status, values in zip(given, answers.status, numbers, strict=True):
             writer.writerow([*row, status, *(_texts(line, values) if status == OK else [""] * len(values))])
-    return sum(status != OK for status in answers.status)
 
 
 def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
@@ -385,7 +360,7 @@ def checksum(path: str | Path) -> str:
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
-    """Read the rows of some columns of a Parquet file as text with all digits; missing values are empty.
+    """Rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
     Raises:
         ParameterError: if the file cannot be read, or lacks one of the columns.
@@ -408,11 +383,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns by name to a Parquet file; NaN becomes an empty value.
-
-    Raises:
-        FileError: if the file cannot be written.
-    """
+    """Write columns by name to a Parquet file; NaN becomes an empty value."""
     with extra("tables", f"the table {path}"):
         import pyarrow
         from pyarrow import parquet
@@ -425,11 +396,7 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
-    """Join Parquet files with the same columns in their order, with one of them in memory at a time.
-
-    Raises:
-        FileError: if the file cannot be written.
-    """
+    """Join Parquet files with the same columns in their order, with one of them in memory at a time."""
     with extra("tables", f"the table {path}"):
         from pyarrow import parquet
     with replacing(path) as file:

@@ -1,8 +1,7 @@
 """Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
 
 Each proof uses the form a on different spaces; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID. SLEPc solves large
-pencils.
+eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID.
 """
 
 from __future__ import annotations
@@ -36,17 +35,11 @@ OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of t
 
 @dataclass(frozen=True)
 class Spaces:
-    """Spaces of the proofs, by orthonormal functions.
+    """Spaces of the proofs."""
 
-    Attributes:
-        test: V^0_HR, modes cut off outside A, (2.29).
-        test_kernel: those that contact forces do not feel, K^0_HR, (2.35).
-        trial_kernel: whole modes that leave all gaps of the RID as they are, K_HR, (2.45).
-    """
-
-    test: Directions
-    test_kernel: Directions
-    trial_kernel: Directions
+    test: Directions  # V^0_HR, modes cut off outside A, (2.29)
+    test_kernel: Directions  # those that contact forces do not feel, K^0_HR, (2.35)
+    trial_kernel: Directions  # whole modes that leave all gaps of the RID as they are, K_HR, (2.45)
 
     @classmethod
     def of(cls, norms: Norms, reduced: ReducedProblem, basis: np.ndarray) -> Spaces:
@@ -77,10 +70,11 @@ def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[st
 
 def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
     """The hypothesis that fails, by theorem."""
+    no_kernel = "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined"
     reasons = {
         "3": "beta_HR of (2.38) is not positive: some contact force of the RID moves no mode",
-        "4 kernel": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
-        "5": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
+        "4 kernel": no_kernel,
+        "5": no_kernel,
         "6": "alpha' of (2.46) is not positive, or no mode leaves all gaps as they are",
     }
     found = {name: why for name, why in reasons.items() if name not in sharp}
@@ -93,11 +87,7 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with given M_a and alpha; with ``sigma_min`` as printed, and without it if it is None.
-
-    Raises:
-        BoundError: for constants that are not positive.
-    """
+    """Constants with given M_a and alpha; with ``sigma_min`` as printed. BoundError if they are not positive."""
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
         raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
     used = {name: given for name in sharp}
@@ -128,11 +118,9 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
 
 
 def check_models(full: FullModel, model: ReducedModel) -> None:
-    """Refuse models that the theorems are not on.
+    """Refuse models that the theorems are not on, by BoundError with the hypothesis that fails.
 
-    Raises:
-        BoundError: with the hypothesis that fails.
-        ReductionError: for a model without a record of its construction, or of another full model.
+    ReductionError for a model without a record of its construction, or of another full model.
     """
     problem = full.problem
     if full.equilibrium is not None:

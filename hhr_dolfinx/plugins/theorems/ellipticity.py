@@ -1,7 +1,6 @@
 """Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues.
 
-LAPACK finds those of small matrices. Of large ones SLEPc does: the smallest by shift and invert through factors that
-are there already, the largest without any, and no dense matrix of the size of the mesh is made.
+LAPACK finds the eigenvalues of small matrices, SLEPc those of large ones: no dense matrix of the size of the mesh.
 """
 
 from __future__ import annotations
@@ -37,23 +36,29 @@ class Ellipticity:
 
     @classmethod
     def of(cls, full: FullModel) -> Ellipticity:
-        """Constants of a full model in the Euclidean norm of nodal values, found once and kept as long as it lives.
-
-        Where the stiffness depends on parameters, those of the middle of the box.
+        """Constants of a full model in the Euclidean norm of nodal values, in the middle of the box; stored with it.
 
         Raises:
             BoundError: if ranks share the factors of K.
         """
-        if full not in _KNOWN:
-            _KNOWN[full] = _of_full(full)
+        if full in _KNOWN:
+            return _KNOWN[full]
+        problem = full.problem
+        size = problem.free.size
+        if len(full.per_force) != size:
+            raise BoundError(
+                "ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF"
+            )
+        free = np.flatnonzero(problem.free)
+        _KNOWN[full] = of_stiffness(problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, size))
         return _KNOWN[full]
 
     @classmethod
     def of_materials(cls, bodies: Iterable[Any]) -> Ellipticity:
         """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of all bodies.
 
-        These are moduli, the constants of a in the norm of the strain in the plane. The thesis takes them for those in
-        the Euclidean norm of nodal values, in which they are constants for no mesh: see docs/bounds.md.
+        These are constants of a in the norm of the strain in the plane. The thesis takes them for those in the
+        Euclidean norm of nodal values, in which they are constants for no mesh: see docs/bounds.md.
 
         Raises:
             BoundError: if moduli depend on parameters or on the place.
@@ -70,27 +75,55 @@ _KNOWN: WeakKeyDictionary[FullModel, Ellipticity] = WeakKeyDictionary()
 
 
 def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> Ellipticity:
-    """Constants in the Euclidean norm of a symmetric K, (n, n), on the dofs that are free, and what solves with it."""
+    """Constants in the Euclidean norm of a symmetric K on free dofs, (n, n), with its solver."""
     return Ellipticity(largest_eigenvalue(stiffness), smallest_eigenvalue(stiffness, solve))
 
 
 def smallest_eigenvalue(
     matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray], gram: csr_matrix | None = None
 ) -> float:
-    """Smallest eigenvalue of K v = alpha G v, less what the residual leaves open.
-
-    Args:
-        matrix: K, symmetric and positive definite, (n, n).
-        solve: K^-1 times a vector (n,), by factors that are there already.
-        gram: G of the norm, in the same format; None for the Euclidean one.
-    """
+    """Lower bound of the smallest eigenvalue of K v = alpha G v, by K^-1 of a vector; G is the identity if None."""
     if matrix.shape[0] <= DENSE:
         return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
+    value, residual = _extreme(matrix, gram, solve)
+    return value * (1 - residual)
+
+
+def largest_eigenvalue(matrix: csr_matrix) -> float:
+    """Upper bound of the largest eigenvalue of a symmetric matrix, (n, n)."""
+    if matrix.shape[0] <= DENSE:
+        return float(linalg.eigvalsh(matrix.toarray())[-1])
+    value, residual = _extreme(matrix)
+    return value * (1 + residual)
+
+
+class _Inverse:
+    """K^-1 as a preconditioner of PETSc."""
+
+    def __init__(self, solve: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._solve = solve
+
+    def apply(self, _: Any, rhs: Any, solution: Any) -> None:
+        solution.array[:] = self._solve(rhs.array_r)
+
+
+def _extreme(
+    matrix: csr_matrix, gram: csr_matrix | None = None, solve: Callable[[np.ndarray], np.ndarray] | None = None
+) -> tuple[float, float]:
+    """The smallest eigenvalue by shift and invert with K^-1, or the largest without; and its relative residual."""
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    operators = [_petsc(item) for item in (matrix, gram) if item is not None]
 
     def prepared() -> Any:
-        from slepc4py import SLEPc
-
-        solver = _solver(matrix, gram)
+        solver = SLEPc.EPS().create(PETSc.COMM_SELF)
+        solver.setOptionsPrefix("hhr_ellipticity_")
+        solver.setOperators(*operators)
+        solver.setProblemType(SLEPc.EPS.ProblemType.HEP if gram is None else SLEPc.EPS.ProblemType.GHEP)
+        if solve is None:
+            solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+            return solver
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         solver.setTarget(0.0)
         transform = solver.getST()
@@ -98,79 +131,20 @@ def smallest_eigenvalue(
         transform.getKSP().setType("preonly")
         preconditioner = transform.getKSP().getPC()
         preconditioner.setType("python")
-        preconditioner.setPythonContext(_Kept(solve))
+        preconditioner.setPythonContext(_Inverse(solve))
         return solver
 
-    value, residual = _found(prepared)
-    return value * (1 - residual)
-
-
-def largest_eigenvalue(matrix: csr_matrix) -> float:
-    """Largest eigenvalue of a symmetric matrix (n, n), and what the residual leaves open."""
-    if matrix.shape[0] <= DENSE:
-        return float(linalg.eigvalsh(matrix.toarray())[-1])
-
-    def prepared() -> Any:
-        from slepc4py import SLEPc
-
-        solver = _solver(matrix, None)
-        solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-        return solver
-
-    value, residual = _found(prepared)
-    return value * (1 + residual)
-
-
-class _Kept:
-    """Factors that are there already, as what PETSc calls a preconditioner."""
-
-    def __init__(self, solve: Callable[[np.ndarray], np.ndarray]) -> None:
-        self._solve = solve
-
-    def apply(self, _: Any, rhs: Any, solution: Any) -> None:
-        """Compute K^-1 rhs for PETSc."""
-        solution.array[:] = self._solve(rhs.array_r)
-
-
-def _solver(matrix: csr_matrix, gram: csr_matrix | None) -> Any:
-    """A solver of SLEPc for one eigenvalue of a symmetric pencil."""
-    from petsc4py import PETSc
-    from slepc4py import SLEPc
-
-    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-    solver.setOptionsPrefix("hhr_ellipticity_")
-    if gram is None:
-        solver.setOperators(_petsc(matrix))
-        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
-    else:
-        solver.setOperators(_petsc(matrix), _petsc(gram))
-        solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-    return solver
-
-
-def _petsc(matrix: csr_matrix) -> Any:
-    """The matrix for PETSc, on this rank alone."""
-    from petsc4py import PETSc
-
-    matrix = csr_matrix(matrix)
-    matrix.sort_indices()
-    entries = matrix.indptr, matrix.indices, matrix.data
-    return PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
-
-
-def _found(prepared: Callable[[], Any]) -> tuple[float, float]:
-    """The eigenvalue and its relative residual, by which it may be off."""
     if (found := extreme_eigenvalue(prepared)) is None:
         raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
     return found
 
 
-def _of_full(full: FullModel) -> Ellipticity:
-    problem = full.problem
-    if len(full.per_force) != problem.free.size:
-        raise BoundError("ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF")
-    free = np.flatnonzero(problem.free)
-    return of_stiffness(problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, problem.free.size))
+def _petsc(matrix: csr_matrix) -> Any:
+    from petsc4py import PETSc
+
+    matrix = csr_matrix(matrix)
+    matrix.sort_indices()
+    return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
@@ -185,7 +159,7 @@ def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: i
 
 
 def _moduli(body: Any) -> tuple[float, float]:
-    """(2.143) and (2.144) of a body."""
+    """2 (lambda + mu) and 2 mu of a body."""
     if body.grading is not None or not isinstance(body.young, Real) or not isinstance(body.poisson, Real):
         raise BoundError(f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers")
     young = float(body.young)

@@ -29,12 +29,7 @@ NEGLIGIBLE = 1e-12
 
 @dataclass(frozen=True)
 class Directions:
-    """A space by vectors that are orthonormal in a norm.
-
-    Attributes:
-        vectors: (n, k).
-        gram: Gram matrix of the norm times columns, (n, k) -> (n, k).
-    """
+    """A space by vectors, (n, k), orthonormal in a norm whose Gram matrix times columns is ``gram``."""
 
     vectors: np.ndarray
     gram: Callable[[np.ndarray], np.ndarray]
@@ -56,14 +51,9 @@ class Directions:
 
 @dataclass(frozen=True)
 class Domain:
-    """Omega_A in a full problem.
+    """Omega_A in a full problem: K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda], (N_lambda_C, N).
 
-    Attributes:
-        stiffness: K, symmetric, (N, N).
-        free: dofs that are not imposed, (N,) bool.
-        sets: of the RID.
-        contact: B[A_lambda], (N_lambda_C, N).
-        factor: makes factors of K on some dofs, given as a mask (N,).
+    ``factor`` makes factors of K on the dofs of a mask, (N,) bool.
     """
 
     stiffness: csr_matrix
@@ -99,22 +89,32 @@ class Domain:
 
     @cached_property
     def acting(self) -> csr_matrix:
-        """Map from contact forces of the RID to loads on A, B[A_lambda, A]^T, (|A|, N_lambda_C)."""
+        """B[A_lambda, A]^T: loads on A of contact forces, (|A|, N_lambda_C)."""
         return csr_matrix(self.contact[:, self.sets.A].T)
+
+    @cached_property
+    def _mask(self) -> np.ndarray:
+        """Dofs of A, (N,) bool."""
+        mask = np.zeros(self.free.size, dtype=bool)
+        mask[self.sets.A] = True
+        return mask
 
     @cached_property
     def support(self) -> np.ndarray:
         """Free dofs of A and I, (N,) bool."""
-        mask = np.zeros(self.free.size, dtype=bool)
-        mask[self.sets.A] = mask[self.sets.I] = True
+        mask = self._mask.copy()
+        mask[self.sets.I] = True
         return mask & self.free
+
+    @cached_property
+    def coupling(self) -> csr_matrix:
+        """K[A, I] on free dofs."""
+        return self.rows[:, np.flatnonzero(self.support & ~self._mask)]
 
     @cached_property
     def solve_inner(self) -> Callable[[np.ndarray], np.ndarray]:
         """K[A, A]^-1 times a vector, (|A|,)."""
-        mask = np.zeros(self.free.size, dtype=bool)
-        mask[self.sets.A] = True
-        return on_dofs(self.factor(mask).solve, self.sets.A, self.free.size)
+        return on_dofs(self.factor(self._mask).solve, self.sets.A, self.free.size)
 
     @cached_property
     def outside(self) -> FreeCholesky | None:
@@ -128,8 +128,6 @@ class EuclideanNorms:
     """The norms of section 2.6.1: Euclidean ones of nodal values and of nodal forces."""
 
     domain: Domain
-    name: str = "euclidean"
-    force_gram: None = None
 
     def inside(self, columns: np.ndarray) -> np.ndarray:
         """Gram matrix on V^0 times columns, (|A|, k)."""
@@ -159,7 +157,7 @@ class EuclideanNorms:
     @cached_property
     def from_interface(self) -> float:
         """Continuity constant of a(w, v) for v in V^0 and w that vanishes but on the interface."""
-        coupling = self.domain.rows[:, np.flatnonzero(self.domain.support & ~_mask(self.domain.sets.A, self.domain))]
+        coupling = self.domain.coupling
         return float(np.sqrt(largest_eigenvalue(csr_matrix(coupling.T @ coupling)))) if coupling.nnz else 0.0
 
     def continuity(self, test: Directions) -> float:
@@ -172,17 +170,12 @@ class EuclideanNorms:
 class EnergyNorms:
     """Energy of displacements, and the L2 norm of the contact pressure, (sum of force^2 / area)^1/2.
 
-    The energy on Omega_A is the least with which the bodies can take the displacements given there: no more than that
-    of the whole field, and of a function of V^0 that of the function. In it M_a = alpha = 1, by Cauchy and Schwarz.
-
-    Attributes:
-        domain: Omega_A.
-        force_gram: one over the tributary areas of its conditions, (N_lambda_C,).
+    The energy on Omega_A is the least for the displacements given there: at most that of the whole field, and for a
+    function of V^0 equal to it. So M_a = alpha = 1, by Cauchy and Schwarz. ``force_gram`` is 1 / area, (N_lambda_C,).
     """
 
     domain: Domain
     force_gram: np.ndarray
-    name: str = "energy"
     inner: Ellipticity = Ellipticity(1.0, 1.0)
     from_interface: float = 1.0
 
@@ -218,11 +211,5 @@ Norms = EuclideanNorms | EnergyNorms
 
 
 def root(square: float) -> float:
-    """Square root of what is not negative but for round-off."""
+    """Square root of a number that is not negative but for round-off."""
     return float(np.sqrt(max(float(square), 0.0)))
-
-
-def _mask(dofs: np.ndarray, domain: Domain) -> np.ndarray:
-    mask = np.zeros(domain.free.size, dtype=bool)
-    mask[dofs] = True
-    return mask

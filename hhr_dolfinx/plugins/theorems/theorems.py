@@ -27,6 +27,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError, ParameterError
 from hhr_dolfinx.models.answer import Answer
@@ -40,7 +42,6 @@ from hhr_dolfinx.plugins.theorems.constants import (
     sharp_constants,
 )
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
-from hhr_dolfinx.plugins.theorems.imposed_interface import ImposedInterface
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
 
 if TYPE_CHECKING:
@@ -54,12 +55,7 @@ ROUND_OFF = 1e-10
 
 
 class Sides(NamedTuple):
-    """Both sides of an inequality.
-
-    Attributes:
-        left: the error.
-        right: its upper bound by the theorem.
-    """
+    """Both sides of an inequality: the error, and its upper bound by the theorem."""
 
     left: float
     right: float
@@ -71,26 +67,55 @@ class Sides(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ThesisBounds:
-    """The theorems for a reduced model, prepared once.
+class ImposedInterface:
+    """Hypothesis (H), (2.67): the RID interface has the displacements of the full model, (2.33).
 
-    Attributes:
-        problem: the full problem.
-        norms: norms of both sides.
-        basis: V, (N, ell).
-        imposed: the reduced problem under (H).
-        constants: of each theorem that can be evaluated: M_a, and alpha or the constant that replaces it.
-        near: spaces of the infima on Omega_A and on the whole domain.
-        refused: the hypothesis that fails, by theorem.
+    Find u in V^0_HR and lambda >= 0 with K~ u + B~^T lambda = F~, B~ u <= g~. V^0_HR has functions that are
+    orthonormal in energy, (|A|, k), so that K~ is the identity and S~ = B~ B~^T.
     """
+
+    problem: ContactProblem
+    domain: Domain
+    space: Directions
+    contact: np.ndarray
+    equalities: SchurEqualities
+    pairs: Pairs | None
+
+    @classmethod
+    def of(cls, problem: ContactProblem, domain: Domain, test: np.ndarray) -> ImposedInterface:
+        """From modes cut off outside A, (|A|, ell)."""
+        sets = domain.sets
+        space = Directions.spanned(test, lambda columns: domain.inner @ columns)
+        contact = domain.acting.T @ space.vectors
+        pairs = Pairs.of(problem.contact_pairs[sets.A_lambda])
+        return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
+
+    def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
+        """Solution on A, (|A|,), with the interface values of a field, (N,); BoundError without convergence."""
+        sets = self.domain.sets
+        lift = field.copy()
+        lift[sets.A] = 0.0
+        loads = (self.problem.loads @ theta)[sets.A] - self.domain.rows @ lift
+        free = self.space.vectors.T @ loads
+        gaps = self.problem.gaps[sets.A_lambda] @ theta - self.domain.contact @ lift
+        slack = gaps - self.contact @ free
+        found = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
+        if found.status.name != "CONVERGED":
+            raise BoundError(f"the reduced problem under (H), (2.33), has no answer: {found.status.name.lower()}")
+        return self.space.vectors @ (free - self.contact.T @ found.forces)
+
+
+@dataclass(frozen=True)
+class ThesisBounds:
+    """The theorems for a reduced model, prepared once."""
 
     problem: ContactProblem
     norms: Norms
     basis: np.ndarray
     imposed: ImposedInterface
-    constants: dict[str, Ellipticity]
-    near: tuple[Directions, Directions]
-    refused: dict[str, str]
+    constants: dict[str, Ellipticity]  # of each theorem that can be evaluated: M_a, and alpha or what replaces it
+    near: tuple[Directions, Directions]  # spaces of the infima on Omega_A and on the whole domain
+    refused: dict[str, str]  # the hypothesis that fails, by theorem
 
     @classmethod
     def of(
@@ -161,7 +186,7 @@ class ThesisBounds:
         return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
     def sides(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
-        """Both sides of all theorems that can be evaluated; those with a failing hypothesis prove nothing."""
+        """Both sides of all theorems that can be evaluated; one whose hypothesis fails proves nothing."""
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
 
@@ -177,7 +202,7 @@ class ThesisBounds:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A reduced answer and the full one; what several theorems need is computed once."""
+    """A reduced answer and the full one."""
 
     bounds: ThesisBounds
     answer: Answer
@@ -185,26 +210,29 @@ class _Pair:
 
     def sides(self, theorem: str) -> Sides:
         """Both sides of a theorem; the right one with round-off of the answer."""
+        norms = self.bounds.norms
         constants = self.bounds.constants[theorem]
         ratio = constants.continuity / constants.coercivity
         near, near_whole = self.bounds.near
-        if theorem == "3":
-            return Sides(self._forces, ratio * (self._moved + ROUND_OFF * self._size))
-        if theorem == "6":
-            return Sides(self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + self._noise)
-        if theorem == "8":
-            right = self._residual / constants.coercivity + (1 + ratio) * self._lifted
-            return Sides(self._moved, right + ROUND_OFF * self._size)
-        if theorem == "5":
-            right = (1 + ratio) * (near.distance(self._error[self._inside]) + self._lifted)
-            return Sides(self._moved, right + ROUND_OFF * self._size)
+        noise = ROUND_OFF * self._size
+        match theorem:
+            case "3":
+                forces = self.exact.multipliers[norms.domain.sets.A_lambda] - self.answer.multipliers
+                return Sides(norms.of_forces(forces), ratio * (self._moved + noise))
+            case "5":
+                nearest = near.distance(self._error[self._inside])
+                return Sides(self._moved, (1 + ratio) * (nearest + self._lifted) + noise)
+            case "6":
+                noise = ROUND_OFF * self._whole(self.exact.unknown)
+                return Sides(self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + noise)
+            case "8":
+                return Sides(self._moved, self._residual / constants.coercivity + (1 + ratio) * self._lifted + noise)
         factor = ratio if theorem == "4" else 1 + ratio
-        left = root(self._imposed @ self.bounds.norms.inside(self._imposed))
-        return Sides(left, factor * near.distance(self._imposed) + ROUND_OFF * self._size)
+        left = root(self._imposed @ norms.inside(self._imposed))
+        return Sides(left, factor * near.distance(self._imposed) + noise)
 
     @property
     def _inside(self) -> np.ndarray:
-        """A."""
         return self.bounds.norms.domain.sets.A
 
     @cached_property
@@ -230,12 +258,6 @@ class _Pair:
         return self.bounds.norms.on_domain(lift)
 
     @cached_property
-    def _forces(self) -> float:
-        """|lambda - lambda_HR| on A_lambda."""
-        forces = self.exact.multipliers[self.bounds.norms.domain.sets.A_lambda] - self.answer.multipliers
-        return self.bounds.norms.of_forces(forces)
-
-    @cached_property
     def _imposed(self) -> np.ndarray:
         """u - u_HR^H, which vanishes on the interface, (|A|,)."""
         theta = self.bounds.problem.theta(self.exact.parameter)
@@ -254,14 +276,8 @@ class _Pair:
         """Norm of a field, (N,), on the whole domain."""
         return root(field @ self.bounds.norms.whole(field))
 
-    @property
-    def _noise(self) -> float:
-        """Round-off of u on the whole domain."""
-        return ROUND_OFF * self._whole(self.exact.unknown)
-
 
 def _norms(name: str, domain: Domain, problem: ContactProblem) -> Norms:
-    """Norms by their name."""
     if name == "euclidean":
         return EuclideanNorms(domain)
     if name == "energy":

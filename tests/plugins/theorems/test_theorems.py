@@ -21,9 +21,8 @@ from hhr_dolfinx.geometries import pellet_cladding as pellet_geometry
 from hhr_dolfinx.plugins.theorems import ellipticity
 from hhr_dolfinx.plugins.theorems.constants import Spaces, refused, sharp_constants
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
-from hhr_dolfinx.plugins.theorems.imposed_interface import ImposedInterface
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
-from hhr_dolfinx.plugins.theorems.theorems import THEOREMS, ThesisBounds
+from hhr_dolfinx.plugins.theorems.theorems import THEOREMS, ImposedInterface, ThesisBounds
 
 RECIPE = hhr.Recipe.thesis(1e-7, nodes=(hhr.Deim(), hhr.ForceDeim(1e-5), hhr.LoadNodes()), enrichment=hhr.Enrich(1.0))
 """Of section 2.6.3, with a larger tolerance for the coarser mesh."""
