@@ -179,7 +179,6 @@ def _file(path: Path) -> ModuleType:
 
 
 def _run(path: Path, whole: Path) -> ModuleType:
-    """Execute a file as a new module."""
     name = _name_of(whole)
     spec = importlib.util.spec_from_file_location(name, whole)
     assert spec is not None and spec.loader is not None  # the name of the file ends in .py

@@ -52,7 +52,6 @@ def largest_values(
 
 
 def _with_unit(name: str, unit: str) -> str:
-    """A name with its unit."""
     return f"{name} [{unit}]" if unit else name
 
 

@@ -82,7 +82,6 @@ def _once() -> Callable[..., None]:
 
 
 def _say(text: str) -> None:
-    """Print on the error stream, by the first rank."""
     if first_rank():
         click.echo(text, err=True)
 

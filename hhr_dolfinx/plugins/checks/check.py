@@ -73,7 +73,6 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
 
 
 def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWithLaws | None]:
-    """The problem, with its stiffness assembled, and bodies with laws."""
     laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
     terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
@@ -83,7 +82,6 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWith
 
 
 def _size(found: SceneCheck, problem: ContactProblem) -> None:
-    """Report the size of the problem, and in space the expected cost of a full model."""
     dofs = problem.free.size
     conditions = len(problem.gaps)
     size = f"{dofs} dofs and {conditions} conditions of contact"
@@ -97,7 +95,6 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
 
 
 def _names(found: SceneCheck) -> None:
-    """Report surfaces of the mesh that the scene does not name."""
     scene = found.scene
     discretisation = found.discretisation
     assert discretisation is not None  # checked by check_scene
@@ -129,7 +126,6 @@ def _pairs(found: SceneCheck) -> None:
 
 
 def _law_of(law: PairLaw | None) -> str:
-    """Text on a law of a contact, after that on the contact."""
     return "" if law is None else f", {law.words}"
 
 
@@ -184,7 +180,6 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
 
 
 def _said(scene: Scene, point: np.ndarray) -> str:
-    """A point in words: names and values of the parameters."""
     return ", ".join(f"{name} = {value:g}" for name, value in zip(scene.parameters.names, point, strict=True))
 
 
@@ -233,7 +228,6 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    """Report the supports of each body."""
     discretisation = found.discretisation
     scene = found.scene
     assert discretisation is not None
@@ -249,7 +243,6 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
 
 
 def _loads(found: SceneCheck, point: np.ndarray) -> None:
-    """Report the resultant of each load for the amplitude 1, and loads without effect."""
     for load in found.scene.loads:
         with found.heard():
             _load(found, load, point)
@@ -290,12 +283,10 @@ def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
 
 
 def _vanishes(amplitude: object) -> bool:
-    """True if an amplitude is zero for all parameters."""
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:
-    """Report outputs of missing parts."""
     assert found.discretisation is not None
     from hhr_dolfinx.full_order.outputs import probe_of
 

@@ -67,7 +67,6 @@ def _of_answer(answer: Answer, full: FullOrderModel) -> Figure:
 
 
 def _axes_of(full: FullOrderModel) -> tuple[str, str]:
-    """Names of the two axes of a section."""
     return ("r", "z") if full.scene.hypothesis == "axisymmetric" else ("x", "y")
 
 

@@ -213,7 +213,6 @@ def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _size(points: np.ndarray) -> str:
-    """Extents in words."""
     return " x ".join(f"{value:.4g}" for value in np.ptp(points, axis=0))
 
 
@@ -235,7 +234,6 @@ def young_of(body: Body, space: ParameterSpace) -> float:
 
 
 def _modulus(found: SceneCheck, body: Body) -> None:
-    """Report a modulus that no material has in the units of the scene."""
     units = found.scene.units
     if units is None:
         return
@@ -250,7 +248,6 @@ def _modulus(found: SceneCheck, body: Body) -> None:
 
 
 def _stiffness_apart(found: SceneCheck) -> None:
-    """Report bodies whose moduli are far from each other."""
     space = found.scene.parameters
     known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
     bodies = sorted(known, key=lambda body: young_of(body, space))
@@ -267,7 +264,6 @@ def _stiffness_apart(found: SceneCheck) -> None:
 
 
 def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
-    """Report a mesh that is tiny or huge in the unit of the scene."""
     units = found.scene.units
     if units is None or SMALL <= units.metres(look.extent) <= LARGE:
         return
@@ -281,7 +277,6 @@ def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
 
 
 def _large_motions(found: SceneCheck, look: MeshLook) -> None:
-    """Report displacements and openings that exceed the mesh somewhere in the box."""
     space = found.scene.parameters
     box = np.array([space.lower, space.upper], dtype=float)
     named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]

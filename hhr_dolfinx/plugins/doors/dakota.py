@@ -87,7 +87,6 @@ def answer_dakota(model: AnsweringModel, parameters: str | Path, results: str | 
 
 
 def _lines(function: OutputFunction, request: Request, point: np.ndarray) -> list[str]:
-    """Lines of a results file at a point, (P,)."""
     values = dict(zip(function.outputs, function(point)[0].tolist(), strict=True))
     slopes: dict[str, np.ndarray] = {}
     if any(wanted & GRADIENT for wanted in request.functions.values()):
@@ -102,7 +101,6 @@ def _lines(function: OutputFunction, request: Request, point: np.ndarray) -> lis
 
 
 def _named(request: Request, function: OutputFunction) -> Request:
-    """The request with the names of the model."""
     own = {"_".join(name.split()): name for name in (*function.names, *function.outputs)}
     variables = {own.get(name, name): value for name, value in request.variables.items()}
     return Request(

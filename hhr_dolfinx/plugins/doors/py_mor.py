@@ -49,7 +49,6 @@ class PyMORModel(Model):
         self.dim_output = len(self.function.outputs)
 
     def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Mapping[str, np.ndarray]) -> None:
-        """Compute the requested quantities from one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}
         answer = self.function.model.solve(point, **how)

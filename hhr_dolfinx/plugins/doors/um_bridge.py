@@ -140,7 +140,6 @@ class Protocol:
         return self.function.jacobian(self._point(request))
 
     def _point(self, request: Fields) -> np.ndarray:
-        """Point of a request, (P,)."""
         given = request.get("input")
         if not isinstance(given, list) or len(given) != 1:
             raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.function.names}")
@@ -148,11 +147,6 @@ class Protocol:
 
 
 def _fields(body: bytes) -> Fields:
-    """Fields of a request.
-
-    Raises:
-        RequestError: if it is not an object of JSON.
-    """
     try:
         request = json.loads(body)
     except (ValueError, RecursionError) as error:
@@ -163,7 +157,6 @@ def _fields(body: bytes) -> Fields:
 
 
 def _vector(request: Fields, name: str, size: int) -> np.ndarray:
-    """Numbers of a field, (size,)."""
     given = request.get(name)
     if not isinstance(given, list) or len(given) != size:
         count = f" and has {len(given)}" if isinstance(given, list) else f" and is {_shown(given)}"
@@ -187,8 +180,6 @@ def _shown(value: object) -> str:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Handler of the requests of one client, in a separate thread."""
-
     protocol_version = "HTTP/1.1"
     server_version = f"hhr_dolfinx/{__version__}"
     sys_version = ""

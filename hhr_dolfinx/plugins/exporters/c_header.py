@@ -174,7 +174,6 @@ class _Data:
         return [self._array("fixed", np.array(fixed, dtype=int)), *own]
 
     def _flow(self, item: dict[str, Any]) -> list[str]:
-        """Arrays of an increment, and the laws of bodies."""
         same = {name: name for name in ("per_mode", "per_force", "forced", "given", "moved", "modal", "coupled")}
         names = same | {"pressed": "pressed", "weights": "weights", "flow_schur": "schur", "share_of": "parts"}
         bodies = []
@@ -194,7 +193,6 @@ class _Data:
         ]
 
     def _friction(self, item: dict[str, Any]) -> list[str]:
-        """Rows of friction, and its laws."""
         laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
         rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
         return [
@@ -252,7 +250,6 @@ class _Data:
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _flow_sizes(self, item: dict[str, Any]) -> dict[str, int]:
-        """Numbers of modes, and of points at which laws are evaluated."""
         modes, size = self.arrays[item["per_mode"]].shape
         points = self.arrays[item["parts"]].size
         return {
@@ -265,7 +262,6 @@ class _Data:
         }
 
     def _names(self) -> Iterable[str]:
-        """Names, units and the box."""
         tree = self.tree
         lower, upper = box_of(tree)
         words = {

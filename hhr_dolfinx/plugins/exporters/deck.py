@@ -102,7 +102,6 @@ def _in_deck(law: PairLaw) -> LawInDeck:
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
-    """Nodes, elements by body, and nodes with supports, imposed displacements or loads."""
     points = discretisation._points()
     cells = _cells(discretisation)
     hypothesis = discretisation.scene.hypothesis
@@ -186,7 +185,6 @@ def _text(value: float) -> str:
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
-    """Value of a constant at a parameter."""
     if not isinstance(value, str):
         return float(value)
     from hhr_dolfinx.formulas import Scalar
@@ -195,7 +193,6 @@ def _number(value: float | str, discretisation: Discretisation, point: np.ndarra
 
 
 def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
-    """Surfaces as faces of elements, and contact pairs."""
     cells = _cells(discretisation)
     kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
@@ -226,7 +223,6 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
 
 
 def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
-    """Imposed displacements, nodal forces, and printed results."""
     theta = problem.amplitudes(point)
     dim = problem.block_size
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")

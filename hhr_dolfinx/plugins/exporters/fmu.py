@@ -124,7 +124,6 @@ def _variable(parent: ElementTree.Element, name: str, place: int, causality: str
 
 
 def _build_description() -> bytes:
-    """Content of buildDescription.xml, to compile the sources elsewhere."""
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
     files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
@@ -141,7 +140,6 @@ def _system() -> tuple[str, str]:
 
 
 def _compiled(sources: dict[str, str], compiler: str) -> bytes:
-    """Shared library compiled from some sources."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

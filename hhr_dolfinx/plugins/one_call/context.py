@@ -120,7 +120,6 @@ class SearchContext:
             raise BudgetSpentError(f"the {answers} full answers of the budget are spent")
 
     def _check_seconds(self) -> None:
-        """Raise BudgetSpentError if the seconds of the budget are over."""
         seconds = self.budget.seconds
         if seconds is not None and self.clock.seconds >= seconds:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
@@ -165,7 +164,6 @@ class SearchContext:
         return float(np.median(self.batches)) * math.ceil(count / self.workers.size) if self.batches else 0.0
 
     def _left(self) -> str:
-        """Remaining seconds of the budget, in words."""
         seconds = self.budget.seconds
         assert seconds is not None
         left = max(0.0, self.deadline - self.clock.seconds)
@@ -339,7 +337,6 @@ def _about(seconds: float) -> str:
 
 
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
-    """Exact answers as one set."""
     listed: list[Any] = list(found)
     if not listed:
         raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
@@ -361,6 +358,5 @@ def _key(question: np.ndarray | AnswerPath) -> bytes:
 
 
 def _label(full: FullOrderModel, question: Any) -> str:
-    """A point or a path in words."""
     name = str(getattr(question, "name", ""))
     return name or full.parameters.described(question)

@@ -329,7 +329,6 @@ def keep_table(folder: Path, reduction: Reduction) -> None:
 
 
 def _check_limits(budget: object, seed: object) -> None:
-    """Check a budget, and a seed."""
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
@@ -355,7 +354,6 @@ def _free_folder(folder: str | Path, scene: str) -> Path:
 
 
 def _full_model(scene: object) -> FullOrderModel:
-    """The full model of a scene, on one rank, which models can be built of."""
     if not isinstance(scene, FullOrderModel | Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
@@ -372,7 +370,6 @@ def _check_family(paths: object) -> None:
 
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:
-    """Check that paths are given exactly if answers depend on them."""
     name = full.scene.name
     if paths is not None:
         _check_family(paths)
@@ -424,7 +421,6 @@ class _Found:
 
     @property
     def reduction(self) -> Reduction:
-        """Record of the search so far."""
         context = self._context
         there = any(model is not None for model in self.models)
         chosen = _chosen(self.tried, self.models, context.target) if there else None
@@ -434,7 +430,6 @@ class _Found:
         )
 
     def search(self) -> None:
-        """Try one model after another, until the target is met or no model is left that may help."""
         try:
             for outcome in outcomes(self._wanted(), partial(_try, self._context), (HHRError,)):
                 # those of a refused model too: reductors and the check give warnings of the scene only
@@ -493,13 +488,11 @@ class _Found:
         self._keep(row, None)
 
     def _row(self, outcome: str) -> Tried:
-        """Row of a model that was not built."""
         attempt = self._trying
         assert attempt is not None
         return Tried(attempt.method, attempt.setting, self._context.solved, self._clock.seconds, outcome=outcome)
 
     def _keep(self, row: Tried, model: KeptModel | None) -> None:
-        """Add a row, with its model if there is one."""
         self._trying = None
         self.tried.append(row)
         self.models.append(model)
@@ -512,7 +505,6 @@ def _worth_trying(context: SearchContext, attempt: Proposal, tried: Sequence[Tri
 
 
 def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
-    """Build and check a model."""
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
@@ -657,7 +649,6 @@ def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], 
 
 
 def _query_time(context: SearchContext, model: KeptModel) -> float:
-    """Median seconds of a query of the target, for a point or a history."""
     if context.family is not None:
         paths = [item.full.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
         return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
@@ -671,7 +662,6 @@ def _marched(model: KeptModel, path: AnswerPath) -> None:
 
 
 def _size(model: KeptModel) -> int:
-    """Bytes of a model in a file; 0 if no file can keep it."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"
         try:

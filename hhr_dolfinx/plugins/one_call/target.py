@@ -235,7 +235,6 @@ class Errors:
         return forces[self._pressed] / problem.contact_areas[self._pressed]
 
     def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
-        """Norm of a quantity; energies by the stiffness at the parameter of an answer."""
         if name == DISPLACEMENT:
             stiffness = self._at(answer.parameter).stiffness
             return math.sqrt(max(values @ (stiffness @ values), 0.0))

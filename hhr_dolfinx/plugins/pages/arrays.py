@@ -121,7 +121,6 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
 
 
 def _bound(model: Any, arrays: Packed) -> dict[str, Any] | None:
-    """Bound of interpolated S; None for any other model."""
     if flows(model) or not interpolates(model):
         return None
     from hhr_dolfinx.plugins.pages.bounding import bound_tree
@@ -167,7 +166,6 @@ def _limit(limit: Limits) -> dict[str, Any]:
 
 
 def _inelastic(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Entries for inelastic bodies, which replace those of S."""
     from hhr_dolfinx.plugins.pages.flowing import flow_tree
 
     return {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
@@ -179,7 +177,6 @@ def _groups(model: Any, arrays: Packed) -> str | None:
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
-    """Amplitudes θ, affine and non-affine."""
     others = []
     for number, item in enumerate(amplitudes.nonaffine):
         if isinstance(item, Coverage):
@@ -221,7 +218,6 @@ def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]
 
 
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
-    """Outputs that a page can compute, and the names of the others."""
     fields = model.fields
     items = () if fields.functionals is None else fields.functionals.items
     found = []
@@ -268,7 +264,6 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
 
 
 def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
-    """Largest pressure, or an area under load."""
     own = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
     own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):

@@ -85,7 +85,6 @@ def _weights(flow: CondensedFlow) -> np.ndarray:
 
 
 def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
-    """Elasticity and law of the points of a body."""
     law = group.law
     assert law is None or isinstance(law, Plasticity)
     constants = None if law is None else [_steps(value, names) for value in (law.yield_stress, law.hardening)]
@@ -143,12 +142,10 @@ def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, array
 
 
 def _parts(fields: CondensedFlowFields) -> range:
-    """Numbers of the parts of the stiffness."""
     return range(fields.factors.middle.size)
 
 
 def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_matrix:
-    """Rows restricted to the dofs of a part."""
     return csr_matrix(rows.multiply(fields.parts == part))
 
 

@@ -25,7 +25,6 @@ def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
 
 
 def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
-    """Compliance of a connected component."""
     m = part.conditions.size
     modes = part.interpolant.modes.T.reshape(-1, m, m)
     halves = np.array([half(mode) for mode in modes])

@@ -86,7 +86,6 @@ def check_for_page(model: object) -> None:
 
 
 def _check_size(count: int, model: object) -> None:
-    """Raise NotOfferedError for a page of too many bytes."""
     if count > MOST_BYTES:
         raise NotOfferedError(
             f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
@@ -96,13 +95,11 @@ def _check_size(count: int, model: object) -> None:
 
 
 def _compliance(model: Any) -> np.ndarray:
-    """S in the middle of the box, (m, m)."""
     middle = model.parameters.middle
     return model.equilibrium.at(middle).schur if flows(model) else model.contacts()(middle).schur
 
 
 def _size(model: Any) -> str:
-    """Sizes of a model that make a page large, in words."""
     conditions = f"{model.conditions} contact conditions"
     if not flows(model):
         return conditions
@@ -111,7 +108,6 @@ def _size(model: Any) -> str:
 
 
 def _strained(scenery: Scenery) -> int:
-    """Number of cells with a stress to draw."""
     if scenery.owners is not None:
         return int(np.unique(scenery.owners).size)
     return 0 if scenery.strains is None else len(scenery.strains.bodies)

@@ -56,7 +56,6 @@ class _Axis:
         return self.begin + part * (self.end - self.begin)
 
     def ticks(self) -> list[int]:
-        """Powers of ten, at most ten of them."""
         step = max(1, math.ceil((self.high - self.low) / 9))
         return list(range(self.low, self.high + 1, step))
 

@@ -148,7 +148,6 @@ def _mapping(value: object) -> Mapping[str, Any]:
 
 
 def _mappings(value: object) -> list[Mapping[str, Any]]:
-    """The rows of a part of a report."""
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
@@ -216,7 +215,6 @@ def _sizes(sizes: Mapping[str, Any]) -> str:
 
 
 def _asked(report: Mapping[str, Any]) -> str:
-    """Parameters, materials and units of the scene."""
     box = [
         [_named(row), *(_text(row.get(name)) for name in ("from", "to"))] for row in _mappings(report.get("parameters"))
     ]
@@ -234,7 +232,6 @@ def _asked(report: Mapping[str, Any]) -> str:
 
 
 def _named(row: Mapping[str, Any]) -> str:
-    """A parameter with its unit."""
     unit = row.get("unit")
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 

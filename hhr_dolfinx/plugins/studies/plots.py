@@ -150,14 +150,12 @@ def _draw_panel(plotter: pyvista.Plotter, panel: _Panel, flat: bool) -> None:
 
 
 def _outline(still: pyvista.UnstructuredGrid, flat: bool) -> pyvista.PolyData:
-    """Edges of the undeformed bodies."""
     return still.extract_feature_edges(
         feature_angle=40, boundary_edges=True, feature_edges=not flat, manifold_edges=False, non_manifold_edges=False
     )
 
 
 def _finish(plotter: pyvista.Plotter, title: str, outline: pyvista.PolyData, flat: bool) -> None:
-    """Outline, title and camera of one picture."""
     if outline.n_cells:
         plotter.add_mesh(outline.copy(), color="k", line_width=1, opacity=0.6)
     plotter.add_text(title, position="upper_edge", font_size=9, color="k")
@@ -235,7 +233,6 @@ def _point(row: Report, error: str) -> _Point:
 
 
 def _draw(axis: Axes, points: list[_Point], floor: float) -> None:
-    """All points, with names next to them that do not overlap."""
     colours = {method: f"C{k % 10}" for k, method in enumerate(dict.fromkeys(point.method for point in points))}
     for k, point in enumerate(sorted(points, key=lambda point: point.seconds)):
         x = point.seconds * 1e6
@@ -329,7 +326,6 @@ def _draw_answers(
     folder: Path,
     method: str = "HHR",
 ) -> None:
-    """Contact pressures of exact and reduced answers by label, and fields of the last of them."""
     problem = full.problem
     units = full.scene.units
     view = view.of(units)

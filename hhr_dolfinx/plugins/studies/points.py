@@ -121,7 +121,6 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
 
 
 def _without_naive(full: FullOrderModel) -> str:
-    """Reason why the naive full model is not measured."""
     if full.problem.pins is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
     if not registry.parts("baselines"):
@@ -130,7 +129,6 @@ def _without_naive(full: FullOrderModel) -> str:
 
 
 def _searches(answers: list[Answer]) -> Report:
-    """The ``active_set`` part of a report."""
     iterations = [answer.iterations for answer in answers]
     cycles = sum(answer.cycled for answer in answers)
     return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
@@ -155,13 +153,10 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
 
 
 def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
-    """Queries of a model for the forces on the whole contact surface, as users run them."""
     return lambda point: model.solve(point).forces()
 
 
 def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Queries of a model for fields and all forces."""
-
     def query(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         answer = model.solve(point)
         return answer.displacement(), answer.forces()

@@ -259,7 +259,6 @@ def print_report(report: Report, console: Console) -> None:
 
 
 def _sizes_in_words(report: Report) -> str:
-    """The first printed line: sizes of the full model and of the model under study."""
     size = report["sizes"]
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
@@ -276,14 +275,12 @@ def _sizes_in_words(report: Report) -> str:
 
 
 def _mesh_error_in_words(row: dict[str, float]) -> str:
-    """Sentence on the error of the mesh, the scale of all other errors."""
     from hhr_dolfinx.full_order.mesh_error import MeshError
 
     return MeshError(**row).in_words()
 
 
 def _time_error_in_words(row: Report) -> str:
-    """Sentence on the time error of the full model, the scale of errors of small models."""
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
         f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
@@ -292,7 +289,6 @@ def _time_error_in_words(row: Report) -> str:
 
 
 def _methods(rows: list[Report]) -> Table:
-    """The work-precision table of histories."""
     table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
     for row in rows:
         if "refused" in row:
@@ -304,7 +300,6 @@ def _methods(rows: list[Report]) -> Table:
 
 
 def _paths_by_model(report: Report) -> Report:
-    """Results of models on paths inside and outside the training range, by model."""
     own = {"paths": report["paths"]} if "paths" in report else {}
     models = report.get("models", {}).items()
     return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
@@ -333,7 +328,6 @@ def _lines(name: str, row: Report | None) -> Iterator[str]:
 
 
 def _path_lines(paths: Report) -> Iterator[str]:
-    """Results of a model on paths inside and outside its training range, in words."""
     inside = paths["inside"]
     outside = paths["outside"]
     if inside:
@@ -344,7 +338,6 @@ def _path_lines(paths: Report) -> Iterator[str]:
 
 
 def _cpu() -> str:
-    """Name of the processor, if the system reports it."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
