@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
+import _demos  # noqa: F401
 import numpy as np
 from benchmark_meshes import half_round
 from mpi4py import MPI
@@ -183,7 +184,9 @@ def told(found: Row) -> dict[str, str]:
 
 def main() -> None:
     """Run all of them, print and write the table."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("benchmarks", __doc__))
     runs = (line_contact, lambda quick: line_contact(quick, 2), ball, patch, rates, rates_of_second_order)

@@ -31,10 +31,11 @@ import press_fit
 import sphere_on_block
 import thesis_bounds as theorems
 from mpi4py import MPI
+from parts import cli
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 

@@ -16,9 +16,10 @@ from extreme_matching import matching_cases
 from extreme_nonmatching import non_matching_cases
 from extreme_surfaces import surface_cases
 from extreme_tubes import tube_cases
+from parts import cli
 from verify import as_report, verify
 
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 
 
 def main() -> int:

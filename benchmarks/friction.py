@@ -239,7 +239,9 @@ def references(quick: bool) -> Iterator[Row]:
 
 def main() -> None:
     """Run all cases, print and write the table."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("friction", __doc__))
     rows = list(references(options.quick))

@@ -15,9 +15,10 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding_plastic as plastic
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
 COEFFICIENT = 0.3

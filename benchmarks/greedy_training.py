@@ -25,9 +25,10 @@ import numpy as np
 import pellet_cladding
 import pellet_materials
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed

@@ -20,10 +20,11 @@ import hertz_half_discs
 import numpy as np
 import pellet_cladding
 from mpi4py import MPI
+from parts import cli
 from recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 

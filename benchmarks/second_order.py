@@ -226,7 +226,9 @@ def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Compare, print, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("second_order", __doc__))
     quick = options.quick

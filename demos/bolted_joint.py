@@ -86,8 +86,10 @@ def scene(mesh: Path) -> hhr.Scene:
 
 def main() -> None:
     """Mesh, reduce, ask, and hand on as a page and as a unit."""
+    from parts import cli
+
     from hhr_dolfinx.command.console import shares_on
-    from hhr_dolfinx.plugins.studies import cli, report
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("bolted_joint", __doc__))
     out, console = options.out, options.console

@@ -81,7 +81,9 @@ def scene(
 
 def main() -> None:
     """Rub, compare with the full order and with closed forms, draw."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("fretting", __doc__))
     from parts import fretting_study

@@ -69,7 +69,9 @@ def path(steps: int = STEPS) -> list:
 
 def main() -> None:
     """Condense, draw the punch over the block, compare with the full order, draw the picture."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("sliding_punch", __doc__))
     from parts import sliding_punch_study

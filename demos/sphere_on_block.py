@@ -70,7 +70,9 @@ def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
 
 def main() -> None:
     """Train, study, compare with Hertz, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
     mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.adapted(seed=options.seed, quick=options.quick)

@@ -364,7 +364,7 @@ def test_a_file_that_is_no_table(content, small, tmp_path):
 
 @needs("studies", "tables")
 def test_a_batch_with_bad_rows_ends_with_1(table, small_reduction, tmp_path):
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     options = SimpleNamespace(out=tmp_path, console=Console(quiet=True), progress=lambda label: iter)
     rows = hhr.read_points(table, small_reduction.parameters)

@@ -14,7 +14,7 @@ import logging
 import math
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -28,10 +28,12 @@ from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
+    ConvergenceError,
     HHRError,
     ModelFileWarning,
     NoBoundWarning,
     NotOfferedError,
+    NotSolvableError,
     ParameterError,
     SceneError,
     ShapeError,
@@ -45,6 +47,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
@@ -57,7 +60,7 @@ from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
-from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
+from hhr_dolfinx.timing import Announce, ShareLines, Stopwatch, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
 
 if TYPE_CHECKING:
@@ -84,6 +87,9 @@ TIMED = 25
 TIMING = 0.02
 """Timed queries of each model, after a warm-up, while all take less than so many seconds; of histories those that are
 compared."""
+WARM_UP = 5
+FEWEST = 3
+"""Queries before the measurement, and smallest number of long queries for a median."""
 NO_BUDGET = Budget()
 TINY = 1e-300
 OF_FIELDS = ("fields", "bound")
@@ -654,6 +660,26 @@ def _query_time(context: SearchContext, model: KeptModel) -> float:
         return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
     points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
     return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
+
+
+def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
+    """Median of the seconds of queries on one thread after a warm-up, for as many points as take ``most`` seconds.
+
+    The warm-up of long queries is shorter. A query without an answer counts with its time.
+    """
+    times: list[float] = []
+    warm = 0
+    with one_thread:
+        for point in points:
+            start = now()
+            with suppress(ConvergenceError, NotSolvableError):
+                query(point)
+            times.append(now() - start)
+            if not warm:
+                warm = len(times) if len(times) >= WARM_UP or sum(times) > most / 2 else 0
+            elif len(times) >= warm + FEWEST and sum(times) > most:
+                break
+    return float(np.median(times[warm:] or times))
 
 
 def _marched(model: KeptModel, path: AnswerPath) -> None:

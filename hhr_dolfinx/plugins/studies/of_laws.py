@@ -58,8 +58,3 @@ def study_of(scene: Scene) -> StudiedLaws | None:
         return None
     found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
     return found
-
-
-def studied_laws(full: FullOrderModel) -> StudiedLaws | None:
-    """Study of the laws of a full model; None if all bodies are elastic."""
-    return study_of(full.scene)

@@ -20,10 +20,10 @@ from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
+from hhr_dolfinx.plugins.studies.queries import time_queries
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.train import Progress, Training
-from hhr_dolfinx.timing import time_queries
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.command.console import Column, Console, Table
+from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
+from hhr_dolfinx.plugins.studies import page
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
-from hhr_dolfinx.plugins.studies.of_laws import studied_laws
+from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""
+LONGEST = 160
+"""Most characters of a printed cell."""
 
 
 def make_report(
@@ -51,7 +54,7 @@ def make_report(
     report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    laws = studied_laws(training.full_order)
+    laws = study_of(training.full_order.scene)
     report["advised"], report["advice"] = advice(report) if laws is None else laws.advice(report)
     return report
 
@@ -201,39 +204,29 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
 
 def print_rows(title: str, rows: list[Report], console: Console) -> None:
     """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
-    table = Table(*rows[0], title=title)
+    cells = [
+        [f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}" for value in row.values()]
+        for row in rows
+    ]
+    console.print(_table(list(rows[0]), cells, title))
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> Table:
+    table = Table(*head, title=title)
     for row in rows:
-        cells = (
-            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
-            for value in row.values()
-        )
-        table.add_row(*cells)
-    console.print(table)
+        table.add_row(*(cell[:LONGEST] for cell in row))
+    return table
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the main figures."""
+    """Print the main figures, in the words of ``report.html``."""
     console.print(_sizes_in_words(report))
-    errors = Table("error", "median", "95 %", "max")
-    for name, row in report["errors"].items():
-        if isinstance(row, dict):
-            errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
-    reduced = report["times"]["online"] or report["times"]["condensed"]
-    times = Table("time per query", "median", "95 %", "x online")
-    for name, row in report["times"].items():
-        if row is not None and "median" in row:
-            times.add_row(
-                name, in_words(row["median"]), in_words(row["p95"]), f"{row['median'] / reduced['median']:.1f}"
-            )
-    console.print(errors, times)
+    console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
+    console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
     if "histories" in report:
-        console.print(_methods(report["work_precision"]))
+        console.print(_table(page.METHOD_HEAD, page.method_rows(report["work_precision"])))
     if "outputs" in report:
-        outputs = Table("output", "largest", "median error", "95 %", "max")
-        for name, row in report["outputs"].items():
-            head = f"{name} [{row['unit']}]" if row["unit"] else name
-            outputs.add_row(head, *(f"{row[key]:.2e}" for key in ("largest", "median", "p95", "max")))
-        console.print(outputs)
+        console.print(_table(page.OUTPUT_HEAD, page.output_rows(report["outputs"])))
     for name, row in report["times"].items():
         for line in _lines(name, row):
             console.print(line)
@@ -288,31 +281,10 @@ def _time_error_in_words(row: Report) -> str:
     )
 
 
-def _methods(rows: list[Report]) -> Table:
-    table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
-    for row in rows:
-        if "refused" in row:
-            table.add_row(row["method"], row["setting"], f"refused: {row['refused']}"[:160])
-            continue
-        names = ("primal_l2", "dual_full_floored", "dual_full_floored_p95", "dual_full_floored_max")
-        table.add_row(row["method"], row["setting"], in_words(row["online_s"]), *(f"{row[name]:.2e}" for name in names))
-    return table
-
-
 def _paths_by_model(report: Report) -> Report:
     own = {"paths": report["paths"]} if "paths" in report else {}
     models = report.get("models", {}).items()
     return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
-
-
-def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
-    """Print relative errors by label and name in per cent, those of another source in brackets if it has any."""
-    table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
-    for name in next(iter(ours.values())):
-        pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
-        cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
-        table.add_row(name, *cells)
-    console.print(table)
 
 
 def _lines(name: str, row: Report | None) -> Iterator[str]:

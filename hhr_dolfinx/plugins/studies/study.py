@@ -18,7 +18,7 @@ from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
-from hhr_dolfinx.plugins.studies.of_laws import studied_laws, study_of
+from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.settings import StudySettings
@@ -181,7 +181,7 @@ def _measured(
 ) -> tuple[Any, Measurement]:
     """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
-        laws = studied_laws(training.full_order)
+        laws = study_of(training.full_order.scene)
         assert laws is not None
         return laws.measure(training, settings, tests, progress)
     from hhr_dolfinx.plugins.studies.points import measure_points

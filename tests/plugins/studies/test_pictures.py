@@ -1,10 +1,11 @@
-"""Pictures of studies: where pressures lie, in the units of the scene, and what stands on that of all methods."""
+"""Positions in pictures of studies, in the units of the scene, and times of queries."""
 
 import numpy as np
 import pytest
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies.plots import _front, _point, plot_work_precision
+from hhr_dolfinx.errors import NotSolvableError, StudyError
+from hhr_dolfinx.plugins.studies.queries import WARM_UP, time_queries
 from hhr_dolfinx.study.view import View
 
 WIDE = np.array([[0.0, 1.0], [4.0, 1.1], [2.0, 1.0]])
@@ -24,25 +25,14 @@ def test_a_position_of_ones_own_is_that_of_its_contact():
     assert view.along(WIDE, 1, None)[1] == "x"
 
 
-ROW = {"method": "HHR", "setting": "modes 20", "online_s": 2e-5, "primal_l2": 1e-4, "primal_l2_p95": 1e-3,
-       "primal_l2_max": 1e-2, "dual_full_floored": 1e-3}  # fmt: skip
+def test_queries_are_timed_behind_a_warm_up():
+    asked = []
 
+    def solve(point):
+        asked.append(point)
+        raise NotSolvableError("counts with its time")
 
-def test_each_method_is_a_point_with_its_worst(tmp_path):
-    found = _point(ROW, "primal_l2")
-    assert (found.median, found.p95, found.worst) == (1e-4, 1e-3, 1e-2) and not found.exact
-    assert _point(ROW, "dual_full_floored").worst == 1e-3  # where nothing else is known
-    exact = {**ROW, "method": "condensed", "setting": "exact", "primal_l2": 1e-15, "dual_full_floored": 1e-14}
-    assert _point(exact, "primal_l2").exact
-    rows = [ROW, exact, {"method": "NNMF", "setting": "40", "refused": "no cone"}, {**ROW, "primal_l2": np.inf}]
-    plot_work_precision(rows, tmp_path / "picture.png")
-    assert (tmp_path / "picture.png").stat().st_size > 10_000
-
-
-def test_nothing_on_the_front_is_beaten():
-    assert _front([(1.0, 3.0), (2.0, 4.0), (3.0, 1.0), (1.5, 2.0), (4.0, 1.0)]) == [(1.0, 3.0), (1.5, 2.0), (3.0, 1.0)]
-
-
-@pytest.mark.parametrize("rows", [[], [{**ROW, "primal_l2": 1e-16, "dual_full_floored": 1e-15}]])
-def test_a_picture_without_errors_is_drawn(rows, tmp_path):
-    plot_work_precision(rows, tmp_path / "picture.png")
+    times = time_queries({"model": solve}, np.arange(WARM_UP + 3.0)[:, None])
+    assert times["model"].shape == (3,) and len(asked) == WARM_UP + 3
+    with pytest.raises(StudyError, match=f"5 points cannot be timed: {WARM_UP} are a warm-up"):
+        time_queries({"model": solve}, np.zeros((WARM_UP, 1)))
