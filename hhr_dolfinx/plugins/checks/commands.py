@@ -13,25 +13,7 @@ with extra("study", "the command hhr"):
     import click
 
 PICTURES = (".png", ".pdf", ".svg")
-MESHES = frozenset(
-    (
-        ".msh",
-        ".inp",
-        ".e",
-        ".ex2",
-        ".exo",
-        ".xdmf",
-        ".vtk",
-        ".vtu",
-        ".med",
-        ".unv",
-        ".bdf",
-        ".nas",
-        ".cgns",
-        ".su2",
-        ".mesh",
-    )
-)
+MESHES = frozenset(".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .cgns .su2 .mesh".split())
 """Endings of mesh files, which are never scenes."""
 MOST_NAMES = 1000
 """Bodies, surfaces and sets of a mesh file that are listed."""
@@ -85,11 +67,7 @@ def _is_mesh(name: str) -> bool:
 
 
 def _contents_of(name: str) -> str:
-    """Contents of a mesh file, and how a scene refers to it.
-
-    Raises:
-        FileContentError: for a file that is not a mesh.
-    """
+    """Contents of a mesh file, and how a scene refers to it."""
     from hhr_dolfinx.geometries.mesh_file import MeshFile
     from hhr_dolfinx.geometries.summary import summary_of
 

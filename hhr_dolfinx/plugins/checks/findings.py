@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,14 +22,8 @@ NOTE = "note"
 MISTAKE = "mistake"
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One sentence about a scene.
-
-    Attributes:
-        level: ``ok``, ``note`` or ``mistake``.
-        text: finding and remedy.
-    """
+class Finding(NamedTuple):
+    """One sentence about a scene, the finding and its remedy, and its level: ``ok``, ``note`` or ``mistake``."""
 
     level: str
     text: str
@@ -75,15 +70,19 @@ class SceneCheck:
 
     def draw(self, path: Path) -> None:
         """Draw bodies, contact surfaces, supports and loads."""
-        from hhr_dolfinx.plugins.checks.picture import draw_scene
+        from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 
-        draw_scene(self, path)
+        figure_of_scene(self).savefig(path, dpi=150)
 
-    def say(self, level: str, text: str) -> None:
+    def say(self, text: str, level: str = OK) -> None:
         """Add a finding, unless it is there already: a pair is checked separately and with all others."""
         finding = Finding(level, text)
         if finding not in self.findings:
             self.findings.append(finding)
+
+    def note(self, text: str) -> None:
+        """Add something to look at."""
+        self.say(text, NOTE)
 
     @contextmanager
     def heard(self) -> Iterator[None]:
@@ -92,6 +91,6 @@ class SceneCheck:
             try:
                 yield
             except HHRError as error:
-                self.say(MISTAKE, str(error))
+                self.say(str(error), MISTAKE)
         for item in caught:
-            self.say(NOTE, item.message)
+            self.note(item.message)

@@ -165,10 +165,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 
 
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> Report:
-    """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
-
-    Errors are infinite without an answer. Empty for a scene without outputs.
-    """
+    """The ``outputs`` part of a report: errors relative to the largest absolute value; infinite without an answer."""
     if full.functionals is None:
         return {}
     exact = []
@@ -190,12 +187,9 @@ def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
 
 
 def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: Report) -> Report:
-    """The ``times`` and ``ratios`` parts of a report, with the baselines that are registered.
+    """The ``times`` and ``ratios`` parts of a report, from the usual and from no initial statuses.
 
-    Args:
-        warm, cold: seconds per query, from the usual and from no initial statuses.
-        baselines: their names.
-        offline: seconds of the stages of models that were made for the comparison.
+    ``offline`` has the stages of models that were made for the comparison.
     """
     return {
         "times": {

@@ -14,6 +14,7 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.full_order.mesh_error import MeshError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies import page
@@ -35,13 +36,7 @@ LONGEST = 160
 """Most characters of a printed cell."""
 
 
-def make_report(
-    training: Training,
-    model: KeptModel,
-    measured: Measurement,
-    rows: list[Report],
-    seed: int,
-) -> Report:
+def make_report(training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int) -> Report:
     """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
         **frame(training, model, seed),
@@ -220,6 +215,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], title: str | None
 
 def print_report(report: Report, console: Console) -> None:
     """Print the main figures, in the words of ``report.html``."""
+    models = report.get("models", {})
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
@@ -235,9 +231,9 @@ def print_report(report: Report, console: Console) -> None:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
-        console.print(_mesh_error_in_words(report["discretisation"]))
-    for name, paths in _paths_by_model(report).items():
-        for line in _path_lines(paths):
+        console.print(MeshError(**report["discretisation"]).in_words())
+    for name, item in {"paths": report, **{f"paths, {name}": item for name, item in models.items()}}.items():
+        for line in _path_lines(item["paths"]) if "paths" in item else ():
             console.print(f"{name}: {line}")
     if report.get("time_error", {}).get("max"):
         console.print(_time_error_in_words(report["time_error"]))
@@ -245,7 +241,7 @@ def print_report(report: Report, console: Console) -> None:
         console.print(report["advice"])
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+    for item in models.get("condensed", {}).get("refused_before", []):
         console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
@@ -267,24 +263,12 @@ def _sizes_in_words(report: Report) -> str:
     )
 
 
-def _mesh_error_in_words(row: dict[str, float]) -> str:
-    from hhr_dolfinx.full_order.mesh_error import MeshError
-
-    return MeshError(**row).in_words()
-
-
 def _time_error_in_words(row: Report) -> str:
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
         f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
         f"the histories), {row['max']:.2%} at worst; small models take the same ones"
     )
-
-
-def _paths_by_model(report: Report) -> Report:
-    own = {"paths": report["paths"]} if "paths" in report else {}
-    models = report.get("models", {}).items()
-    return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
 
 
 def _lines(name: str, row: Report | None) -> Iterator[str]:
