@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target
+from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.reductor import Reductor, check_claim
@@ -50,11 +50,7 @@ DOUBTED = 1.5
 
 
 class BudgetSpentError(HHRError):
-    """The next stage exceeds the budget.
-
-    Attributes:
-        stage: the stage that was stopped; empty if none had begun.
-    """
+    """The next stage exceeds the budget, or ``stage`` was stopped; empty if none had begun."""
 
     def __init__(self, text: str, stage: str = ""):
         super().__init__(text)
@@ -66,10 +62,8 @@ class SearchContext:
     """Context of the attempts.
 
     Attributes:
-        full: the full model, on one rank.
-        workers: ranks that solve for exact answers; mostly this one alone.
-        target: accuracy of the model.
-        budget: limits of the cost.
+        full, workers: the full model, on one rank, and the ranks that solve for exact answers.
+        target, budget: accuracy of the model, and limits of the cost.
         family: paths, if answers depend on them; None if queries are points.
         seed: of random draws.
         progress: receives each stage, and the share of it that is done.
@@ -77,8 +71,7 @@ class SearchContext:
         errors: of models, in the norms of the target.
         clock: since the search began.
         solved: number of answers of the full model, those found in the store among them.
-        checks: number of checks.
-        held_out: answers of checks, with which later models are compared.
+        checks, held_out: number of checks, and their answers, with which later models are compared.
         looked: whether answers of the full model were checked for large strains and missing contact.
         forces_off: whether contact forces of the last checked model were less accurate than the target; True if nothing
             is known of them.
@@ -197,7 +190,7 @@ class SearchContext:
         self.check_affordable(questions, f"a training of {len(questions)}", SURE)
         lost = Lost()
         answers = list(self._answers(questions, "training answers", lost))
-        self._look([Exact(item) for item in answers])
+        self._look(answers)
         snapshots = _set_of(answers)
         lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
@@ -219,12 +212,12 @@ class SearchContext:
         known = list(exact)
         histories = self.family is not None
         for some in ([item] for item in known) if histories else (known,):
-            check_claim(method, self.full, model, _set_of(item.full for item in some))
+            check_claim(method, self.full, model, _set_of(some))
 
     @property
     def checked(self) -> SnapshotSet | None:
         """Exact answers of checks; None before the first."""
-        return _set_of(item.full for item in self.held_out) if self.held_out else None
+        return _set_of(self.held_out) if self.held_out else None
 
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
         """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
@@ -247,7 +240,7 @@ class SearchContext:
         self.short = ""
         try:
             for item in self._answers(questions, "fresh answers", lost):
-                found.append(Exact(item))
+                found.append(item)
         except BudgetSpentError as error:
             if not found:
                 raise
@@ -263,10 +256,10 @@ class SearchContext:
             return
         self.looked = True
         try:
-            check_small_strains(self.full, _set_of(item.full for item in found))
+            check_small_strains(self.full, _set_of(found))
         except ReductionError as error:
             warn(str(error), SmallStrainWarning, stacklevel=3)
-        if not any(answer.forces().any() for item in found for answer in item.answers):
+        if not any(answer.forces().any() for item in found for answer in steps_of(item)):
             warn(
                 f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
                 "loads and displacements, hhr check",
@@ -345,9 +338,9 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
 
 def _found(model: AnsweringModel, exact: Exact) -> list[Answer]:
     """Answers of a model to the query of exact ones."""
-    if isinstance(exact.full, History):
-        return retraced(model, exact.full).answers
-    return [model.solve(exact.full.parameter, outside="ignore", raise_on_failure=False)]
+    if isinstance(exact, History):
+        return retraced(model, exact).answers
+    return [model.solve(exact.parameter, outside="ignore", raise_on_failure=False)]
 
 
 def _key(question: np.ndarray | AnswerPath) -> bytes:

@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +52,7 @@ from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
+from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
@@ -74,8 +75,6 @@ LOOKED_AT = 500
 """Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
 """Full histories that a model is compared with."""
-CONFIDENCE = 0.9
-"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see :func:`share_beyond`."""
 ROOM = 2.0
 """Factor on observed errors: the worst of 200 points exceeds that of 40."""
 UNRESOLVED = 3.0
@@ -95,138 +94,6 @@ TINY = 1e-300
 OF_FIELDS = ("fields", "bound")
 """Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
 KEPT = "reduction.json"
-MET = "met"
-LONG = 40
-"""Length of the outcome of a model above which it is printed below the table, once for all models that share it."""
-
-
-@dataclass(frozen=True)
-class Tried:
-    """One model of the search.
-
-    Attributes:
-        method: ``condensed``, ``hhr`` or ``local``.
-        setting: its settings.
-        full_answers: of the full model from the start of the search to the check of this model.
-        seconds: to build it, including its full answers.
-        query: median seconds of a query of the target, for a point or a history; NaN if it was not timed.
-        errors: the largest known error, by the names of the target; empty if the model was not built.
-        known: source of the errors.
-        bytes: size in a file; 0 without a limit in the budget.
-        outcome: ``met``, or the reason why not.
-        beyond: largest share of the box that may exceed the target, with a confidence of 90 %, if none of the random
-            fresh answers does; NaN if each answer has a bound or is exact, and if the target is not met.
-    """
-
-    method: str
-    setting: str
-    full_answers: int
-    seconds: float
-    query: float = math.nan
-    errors: Mapping[str, float] = field(default_factory=dict)
-    known: str = ""
-    bytes: int = 0
-    outcome: str = ""
-    beyond: float = math.nan
-
-    @property
-    def met(self) -> bool:
-        """True if it meets the target."""
-        return self.outcome == MET
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """Record of a search, see :func:`reduce`.
-
-    Attributes:
-        scene: its name.
-        wish: target accuracy.
-        tried: models in the order of the search.
-        chosen: number of the returned model; None if there is no model.
-        full_answers: all that were solved for.
-        seconds: of the whole search.
-        reason: why the target is not met, or empty.
-    """
-
-    scene: str
-    wish: Target
-    tried: tuple[Tried, ...]
-    chosen: int | None
-    full_answers: int
-    seconds: float
-    reason: str = ""
-
-    @property
-    def met(self) -> bool:
-        """True if the target is met, as far as is known."""
-        return self.chosen is not None and self.tried[self.chosen].met
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why models were refused or stopped, each once, in the order of their occurrence."""
-        return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
-
-    @property
-    def numbered(self) -> tuple[str, ...]:
-        """These reasons with their numbers in the table."""
-        return tuple(f"({number}) {reason}" for number, reason in enumerate(self.reasons, 1))
-
-    @property
-    def table(self) -> str:
-        """A row for each model of the search, with the numbers of long reasons."""
-        heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
-        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
-        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        return "\n".join([self.table, *self.numbered, self.verdict])
-
-    @property
-    def verdict(self) -> str:
-        """Sentence on whether the target is met."""
-        target = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
-        spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
-        if self.chosen is None:
-            return f"there is no model: {self.reason}; {spent}"
-        if not self.met:
-            return f"{target} is not met: {self.reason}. The best model there is was handed out; {spent}"
-        item = self.tried[self.chosen]
-        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
-        return "; ".join([f"{target} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
-
-    def _row(self, number: int, item: Tried) -> tuple[str, ...]:
-        errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
-        query = "-" if math.isnan(item.query) else f"{1e3 * item.query:.3g} ms"
-        mark = "->" if number == self.chosen else ""
-        made = "-" if math.isnan(item.seconds) else f"{item.seconds:.3g} s"
-        outcome = item.outcome
-        if outcome in self.reasons:
-            outcome = f"{outcome.split(':')[0]} ({self.reasons.index(outcome) + 1})"
-        return (
-            mark,
-            item.method,
-            item.setting,
-            str(item.full_answers),
-            made,
-            query,
-            *errors,
-            item.known or "-",
-            outcome,
-        )
-
-    def described(self) -> dict[str, Any]:
-        """The record as plain values, for a report."""
-        return asdict(self) | {"met": self.met, "verdict": self.verdict}
-
-
-def _no_model(reduction: Reduction) -> StudyError:
-    """Error that no model was found, with the record as ``reduction``; each reason once."""
-    error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
-    vars(error)["reduction"] = reduction
-    return error
 
 
 def reduce(
@@ -272,7 +139,9 @@ def reduce(
     Warns:
         StabilityWarning: if the target is not met.
     """
-    _check_limits(budget, seed)
+    check_counts(seed=(seed, 0))
+    if not isinstance(budget, Budget):
+        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
@@ -282,7 +151,9 @@ def reduce(
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
-    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, _arrays_beside(store))
+    # solutions of connected components, next to full answers
+    arrays = None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
+    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning, stacklevel=2)
@@ -302,7 +173,9 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
             try:
                 found = model, reduction = _searched(context, kept)
                 if kept is not None:
-                    keep(kept, model, reduction, context.full)
+                    save_model(make_folder(kept) / "model.npz", model)
+                    registry.write_companions(context.full, kept)
+                    _keep_record(kept, reduction)
                 look_at_corners(context.full, model)
             finally:
                 context.workers.let_go()
@@ -321,28 +194,11 @@ def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> An
         return model
 
 
-def keep(folder: Path, model: KeptModel, reduction: Reduction, full: FullOrderModel) -> None:
-    """Write a model, its record, and the files of plug-ins: model.npz, reduction.json, scenery.npz."""
-    save_model(make_folder(folder) / "model.npz", model)
-    registry.write_companions(full, folder)
-    keep_table(folder, reduction)
-
-
-def keep_table(folder: Path, reduction: Reduction) -> None:
-    """Write the record, reduction.json."""
+def _keep_record(folder: Path | None, reduction: Reduction) -> None:
+    if folder is None:
+        return
     with replacing(make_folder(folder) / KEPT, text=True) as file:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
-
-
-def _check_limits(budget: object, seed: object) -> None:
-    check_counts(seed=(seed, 0))
-    if not isinstance(budget, Budget):
-        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
-
-
-def _arrays_beside(store: SnapshotStore | None) -> ArrayStore | None:
-    """Store of solutions of connected components, next to that of full answers."""
-    return None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
 
 
 def _free_folder(folder: str | Path, scene: str) -> Path:
@@ -367,18 +223,15 @@ def _full_model(scene: object) -> FullOrderModel:
     return full
 
 
-def _check_family(paths: object) -> None:
-    """StudyError for what is no family of paths; its type is imported only by searches along paths."""
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-
-    if not isinstance(paths, PathFamily):
-        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
-
-
 def _check_paths(full: FullOrderModel, paths: object) -> None:
     name = full.scene.name
     if paths is not None:
-        _check_family(paths)
+        from hhr_dolfinx.plugins.paths.path_families import PathFamily  # needed by searches along paths only
+
+        if not isinstance(paths, PathFamily):
+            raise StudyError(
+                f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn"
+            )
     if full.equilibrium is not None and paths is None:
         raise NotOfferedError(
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
@@ -389,30 +242,24 @@ def _check_paths(full: FullOrderModel, paths: object) -> None:
 
 
 def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
-    """The model to return, and its record; the table is written whatever ends the search."""
+    """The model to return, and its record, which is written whatever ends the search."""
     found = _Found(context)
     try:
         found.search()
     except BaseException:
-        if kept is not None:
-            keep_table(kept, replace(found.reduction, reason="the search was interrupted"))
+        _keep_record(kept, replace(found.reduction, reason="the search was interrupted"))
         raise
     reduction = found.reduction
     if reduction.chosen is None:
-        if kept is not None:
-            keep_table(kept, reduction)
-        raise _no_model(reduction) from found.failure
+        _keep_record(kept, reduction)
+        error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
+        vars(error)["reduction"] = reduction
+        raise error from found.failure
     return found.models[reduction.chosen], reduction
 
 
 class _Found:
-    """Models of a search so far.
-
-    Attributes:
-        tried: a row for each.
-        models: the models; None for one that was not built.
-        failure: the last error of a model that could not be built.
-    """
+    """Models of a search so far, None for one that was not built, a row for each, and the last error of one."""
 
     def __init__(self, context: SearchContext):
         self._context = context
@@ -547,14 +394,6 @@ def _made(attempt: Proposal) -> Any:
     return attempt.spared()
 
 
-def share_beyond(count: int) -> float:
-    """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
-
-    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below 1 - CONFIDENCE.
-    """
-    return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
-
-
 def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple[np.ndarray, str, float]:
     """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
     if context.family is not None:
@@ -656,8 +495,13 @@ def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], 
 
 def _query_time(context: SearchContext, model: KeptModel) -> float:
     if context.family is not None:
-        paths = [item.full.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
-        return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
+
+        def march(path: AnswerPath) -> None:
+            with suppress(HHRError):
+                model.march(path, MarchSettings(outside="ignore"))
+
+        paths = [item.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item, History)]
+        return float(np.median([timed(partial(march, path))[1] for path in paths]))
     points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
     return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
@@ -680,11 +524,6 @@ def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: fl
             elif len(times) >= warm + FEWEST and sum(times) > most:
                 break
     return float(np.median(times[warm:] or times))
-
-
-def _marched(model: KeptModel, path: AnswerPath) -> None:
-    with suppress(HHRError):
-        model.march(path, MarchSettings(outside="ignore"))
 
 
 def _size(model: KeptModel) -> int:
