@@ -88,7 +88,7 @@ def main() -> None:
     """Mesh, reduce, ask, and hand on as a page and as a unit."""
     from parts import cli
 
-    from hhr_dolfinx.command.console import shares_on
+    from hhr_dolfinx.plugins.one_call.progress import shares_on
     from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("bolted_joint", __doc__))

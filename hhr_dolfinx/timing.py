@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -69,44 +68,6 @@ class StageLog:
         self.refused.append({**attempt, "why": why})
         shown = ", ".join(f"{name} {value}" for name, value in attempt.items())
         logger.info("the model of %s is refused: %s", shown, why)
-
-
-class Stopwatch:
-    """Clock of the seconds since its construction."""
-
-    def __init__(self) -> None:
-        self._start = now()
-
-    @property
-    def seconds(self) -> float:
-        """Elapsed seconds."""
-        return now() - self._start
-
-
-class ShareLines:
-    """Progress as lines: one for each stage of a long run, then the fraction of the stage that is done.
-
-    Args:
-        write: function that writes a line.
-        quiet: seconds without output at the start, since a short run needs no progress.
-        every: seconds between two lines of one stage.
-    """
-
-    def __init__(self, write: Callable[[str], None], quiet: float = 2.0, every: float = 5.0):
-        self._write = write
-        self._quiet = quiet
-        self._every = every
-        self._clock = Stopwatch()
-        self._last: dict[str, float] = {}
-
-    def __call__(self, stage: str, share: float) -> None:
-        """Write a line if one is due, see :data:`Announce`."""
-        seconds = self._clock.seconds
-        if seconds < self._quiet:
-            return
-        if not share or seconds - self._last.get(stage, -math.inf) >= self._every:
-            self._last[stage] = seconds
-            self._write(f"{seconds:.0f} s: {stage}" + (f", {share:.0%} done" if share else ""))
 
 
 def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:

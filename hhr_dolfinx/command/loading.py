@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,10 +53,7 @@ def beside(name: str, attribute: str) -> Any:
 def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
     """A point from ``name=value`` words, one or several in each, separated by commas.
 
-    Args:
-        words: command-line words.
-        space: the parameter range.
-        others: values of the parameters that are not named, (P,); None if all must be.
+    ``others`` are values of the parameters that are not named, (P,); None if all must be.
 
     Raises:
         ParameterError: for a word without a number, or a name that is unknown or repeated.
@@ -81,11 +78,8 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
     if others is not None:
         found |= {name: float(value) for name, value in zip(space.names, others, strict=True) if name in missing}
     elif missing:
-        bounds = ", ".join(
-            f"{name} in [{low:g}, {high:g}]"
-            for name, low, high in zip(space.names, space.lower, space.upper, strict=True)
-            if name in missing
-        )
+        ends = zip(space.names, space.lower, space.upper, strict=True)
+        bounds = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, low, high in ends if name in missing)
         raise ParameterError(f"no value is given for {bounds}: add --at {missing[0]}=...")
     return found
 
@@ -129,17 +123,3 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
 
 class _Enough(Exception):
     """Signal that the file can be written."""
-
-
-@contextmanager
-def naming_condensed(model: Path) -> Iterator[None]:
-    """If a model is refused, name the condensed one next to it."""
-    from hhr_dolfinx.errors import NotOfferedError
-
-    other = model.with_name("condensed.npz")
-    try:
-        yield
-    except NotOfferedError as error:
-        if model.name == other.name or not other.exists():
-            raise
-        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error

@@ -128,11 +128,7 @@ def _described(model: Any) -> str:
 
 
 def settings_of(scene: str) -> StudySettings | None:
-    """The ``SETTINGS`` in the file of a scene, or None.
-
-    Raises:
-        SceneError: for invalid input.
-    """
+    """The ``SETTINGS`` in the file of a scene, or None."""
     from hhr_dolfinx.command.loading import beside
     from hhr_dolfinx.errors import SceneError
     from hhr_dolfinx.study.settings import StudySettings

@@ -23,13 +23,9 @@ Command = Callable[..., Any]
 
 
 def guarded(command: Command, kept: str = "") -> Command:
-    """A command whose errors are sentences and exit codes, and which prints a message when it is interrupted.
+    """A command whose errors are sentences and exit codes; ``kept`` is added to the message if it is interrupted.
 
     A fault of this package, which has no such sentence, keeps its traceback.
-
-    Args:
-        command: a function with the options of click.
-        kept: what the message adds on results that are kept.
     """
 
     @wraps(command)

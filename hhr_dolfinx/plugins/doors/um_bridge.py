@@ -64,9 +64,9 @@ class Protocol:
         slopes = model.equilibrium is None
         self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
-            "/ModelInfo": self._info,
-            "/InputSizes": self._input_sizes,
-            "/OutputSizes": self._output_sizes,
+            "/ModelInfo": lambda request: {"support": self.supported},
+            "/InputSizes": lambda request: {"inputSizes": [len(self.function.names)]},
+            "/OutputSizes": lambda request: {"outputSizes": [len(self.function.outputs)]},
             "/Evaluate": self._evaluate,
             "/Gradient": self._gradient,
             "/ApplyJacobian": self._jacobian,
@@ -89,7 +89,7 @@ class Protocol:
             RequestError: for an unknown path or model, or fields that are missing or invalid, and for a point outside
                 of the box or the training range, or without an answer.
         """
-        if path.removeprefix("/") in self.supported and not self.supported[path.removeprefix("/")]:
+        if not self.supported.get(path.removeprefix("/"), True):
             raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")
         if path not in self.posted:
             raise self._unknown(path)
@@ -109,15 +109,6 @@ class Protocol:
     def _unknown(self, path: str) -> RequestError:
         known = ", ".join(["/Info", *self.posted])
         return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
-
-    def _info(self, request: Fields) -> Fields:
-        return {"support": self.supported}
-
-    def _input_sizes(self, request: Fields) -> Fields:
-        return {"inputSizes": [len(self.function.names)]}
-
-    def _output_sizes(self, request: Fields) -> Fields:
-        return {"outputSizes": [len(self.function.outputs)]}
 
     def _evaluate(self, request: Fields) -> Fields:
         return {"output": [self.function(self._point(request))[0].tolist()]}
@@ -273,9 +264,8 @@ class Server(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    request_queue_size = (
-        128  # parallel chains connect at the same time; more than Python's default of five would be refused
-    )
+    # parallel chains connect at the same time; more than Python's default of five would be refused
+    request_queue_size = 128
 
     def __init__(self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
         self.protocol = Protocol(model, name)

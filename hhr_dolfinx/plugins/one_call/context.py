@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
+from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.build import build
@@ -28,7 +29,7 @@ from hhr_dolfinx.reduction.reductor import Reductor, check_claim
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.timing import Announce, StageLog, Stopwatch
+from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:

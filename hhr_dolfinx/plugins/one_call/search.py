@@ -52,6 +52,7 @@ from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
+from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
@@ -61,7 +62,7 @@ from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
-from hhr_dolfinx.timing import Announce, ShareLines, Stopwatch, now, timed
+from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
 
 if TYPE_CHECKING:
