@@ -121,10 +121,8 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
 
 
 def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
-    """Data of :meth:`PlasticFields.unforeseen` for the estimate of the answer shown, to a few digits.
-
-    The residual of the fit to all points is orthogonal to the modes, so their orthonormal directions suffice.
-    """
+    """Data of :meth:`PlasticFields.unforeseen` for the estimate of the answer shown, to a few digits."""
+    # the residual of the fit to all points is orthogonal to the modes, so their orthonormal directions suffice
     ways, _ = np.linalg.qr(flow.shown)
     return packed_levels("flow_shown", ways.T, arrays) | {"without": arrays.put("flow_without", flow.without, "<f4")}
 
@@ -132,21 +130,14 @@ def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
 def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
     """Weights of an output that reads displacements: of corrections, loads, and by part of forces and loads."""
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
+    inside = [csr_matrix(rows.multiply(fields.parts == part)) for part in range(fields.factors.middle.size)]
     found = {
         "modes": rows @ fields.basis,
         "given": rows @ fields.given,
-        "pushed": np.vstack([_of_part(rows, fields, part) @ fields.per_force for part in _parts(fields)]),
-        "forced": np.vstack([_of_part(rows, fields, part) @ fields.forced for part in _parts(fields)]),
+        "pushed": np.vstack([part @ fields.per_force for part in inside]),
+        "forced": np.vstack([part @ fields.forced for part in inside]),
     }
     return {name: arrays.put(f"output{number}_{name}", np.ravel(values)) for name, values in found.items()}
-
-
-def _parts(fields: CondensedFlowFields) -> range:
-    return range(fields.factors.middle.size)
-
-
-def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_matrix:
-    return csr_matrix(rows.multiply(fields.parts == part))
 
 
 def flow_field(
@@ -161,7 +152,7 @@ def flow_field(
     tree = packed_levels("field_modes", ways.T, arrays)
     own = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
     parts = fields.parts[rows]
-    inside = [(ways * (parts == part)[:, None]).T for part in _parts(fields)]
+    inside = [(ways * (parts == part)[:, None]).T for part in range(fields.factors.middle.size)]
     own["pushed"] = np.array([part @ fields.per_force[rows] for part in inside])
     own["forced"] = np.array([part @ fields.forced[rows] for part in inside])
     found = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in own.items()}
