@@ -36,13 +36,9 @@ SAME_PLACE = 1e-9
 
 @dataclass(frozen=True)
 class MeshLook:
-    """Nodes and cells of a whole mesh.
+    """Points, (nodes, dim), and nodes of the cells, (cells, k), of a whole mesh, with the number of corners of a cell.
 
-    Attributes:
-        points: (nodes, dim).
-        cells: nodes of each cell, (cells, k).
-        owner: index in the scene of the body of each cell, (cells,).
-        corners: number of corners of a cell, its first nodes.
+    ``owner`` is the index in the scene of the body of each cell, (cells,).
     """
 
     points: np.ndarray
@@ -246,15 +242,15 @@ def _modulus(found: SceneCheck, body: Body) -> None:
 
 def _stiffness_apart(found: SceneCheck) -> None:
     space = found.scene.parameters
-    known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
-    bodies = sorted(known, key=lambda body: young_of(body, space))
-    if not bodies:
+    pairs = [(young_of(body, space), repr(body.tag)) for body in found.scene.bodies]
+    known = sorted((pair for pair in pairs if not np.isnan(pair[0])), key=lambda pair: pair[0])
+    if not known:
         return
-    soft, stiff = (young_of(body, space) for body in (bodies[0], bodies[-1]))
+    (soft, softest), *_, (stiff, stiffest) = *known, known[-1]
     if stiff > APART * soft:
         found.note(
-            f"body {bodies[-1].tag!r} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
-            f"{bodies[0].tag!r} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
+            f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
+            f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
             "rigid, an Obstacle or imposed displacements"
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -112,10 +112,14 @@ def write_page(folder: str | Path) -> Path:
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
     """The page of a report and the pictures in a folder; missing parts of the report are left out."""
     name = escape(str(report["scene"]))
+    sizes = _mapping(report.get("sizes"))
+    environment = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
+    left_out = [[_text(item.get(key)) for key in ("stage", "why")] for item in _mappings(report.get("skipped"))]
+    environment |= {name: report[name] for name in ("seed", "date") if name in report}
     parts = [
         f"<h1>{name}</h1>",
-        _sizes(_mapping(report.get("sizes"))),
-        _advice(report.get("advice")),
+        _note(f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None),
+        f'<p class="advice">{escape(str(report["advice"]))}</p>' if report.get("advice") else "",
         _asked(report),
         _figure(folder / "scene.png"),
         _errors(_mapping(report.get("errors")), _mapping(report.get("discretisation"))),
@@ -129,20 +133,17 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
         _pictures(folder),
         _loading(folder),
         _checks(_mapping(report.get("kkt"))),
-        _left_out(_mappings(report.get("skipped"))),
+        _section("What was left out, and why", _table(["what", "why"], left_out)),
         _others(report),
-        _machine(report),
+        _note(f"{name} {_text(value)}" for name, value in environment.items()),
     ]
+    style = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
     body = "\n".join(part for part in parts if part)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
-        f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"<style>{style}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
-
-
-def _style() -> str:
-    return (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
 
 
 def _mapping(value: object) -> Mapping[str, Any]:
@@ -212,9 +213,9 @@ def _words(name: object) -> str:
     return str(name).replace("_", " ")
 
 
-def _sizes(sizes: Mapping[str, Any]) -> str:
-    found = [f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None]
-    return f'<p class="small">{escape(", ".join(found))}</p>' if found else ""
+def _note(texts: Iterable[str]) -> str:
+    listed = ", ".join(texts)
+    return f'<p class="small">{escape(listed)}</p>' if listed else ""
 
 
 def _asked(report: Mapping[str, Any]) -> str:
@@ -225,22 +226,17 @@ def _asked(report: Mapping[str, Any]) -> str:
     names = list(dict.fromkeys(name for row in given for name in row))
     materials = [[_text(row.get(name, "")) for name in names] for row in given]
     units = _mapping(report.get("units"))
-    listed = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
     return _section(
         "What was asked",
         _table(["parameter", "from", "to"], box),
         _table([MATERIALS.get(name, _words(name)) for name in names], materials),
-        f'<p class="small">{escape(listed)}</p>' if listed else "",
+        _note(f"{name} in {_text(unit)}" for name, unit in units.items()),
     )
 
 
 def _named(row: Mapping[str, Any]) -> str:
     unit = row.get("unit")
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
-
-
-def _advice(text: object) -> str:
-    return f'<p class="advice">{escape(str(text))}</p>' if text else ""
 
 
 ERROR_HEAD = ("error of", "half of the answers below", "95 % below", "worst seen")
@@ -433,11 +429,6 @@ def _checks(residuals: Mapping[str, Any]) -> str:
     return _section("What is left of the equations", table and table + caption)
 
 
-def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
-    rows = [[_text(item.get("stage")), _text(item.get("why"))] for item in items]
-    return _section("What was left out, and why", _table(["what", "why"], rows))
-
-
 def _others(report: Mapping[str, Any]) -> str:
     """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
@@ -460,10 +451,3 @@ def _plain(value: object) -> str:
         own = _table(["", "value"], [[_words(name), _text(item)] for name, item in value.items() if name not in parts])
         return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
     return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""
-
-
-def _machine(report: Mapping[str, Any]) -> str:
-    parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
-    parts |= {name: report[name] for name in ("seed", "date") if name in report}
-    listed = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
-    return f'<p class="small">{escape(listed)}</p>' if listed else ""

@@ -45,8 +45,8 @@ def make_report(training: Training, model: KeptModel, measured: Measurement, row
         **measured.report,
         "work_precision": rows,
     }
-    report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
-    report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
+    offline = training.log.times | model.offline.log.times | _read_from_files(training, report["times"]["fom_best"])
+    report["times"] = {"offline": offline, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
     laws = study_of(training.full_order.scene)
@@ -97,10 +97,10 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 
 
 def break_even(times: Report) -> dict[str, float | None]:
-    """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
+    """Queries after which training and reduced answers are cheaper than the best full model; None if never.
 
     Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
-    that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
+    that were read from files. Forces by condensation need no training.
     """
     offline = sum(times["offline"].values())
     found = dict[str, float | None](forces=None)

@@ -161,15 +161,11 @@ def run_study(
         rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
     rows += [*(row.as_report() for row in measured.others), *measured.refused]
     report = make_report(training, model, measured, rows, settings.seed)
-    if settings.models:
-        others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
-        # a study of histories has its two models already
-        first = {} if "models" in report else {"default": model_report(model, measured.own)}
-        report["models"] = (
-            report.get("models", {})
-            | first
-            | {name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()}
-        )
+    if settings.models and "models" not in report:  # a study of histories has its two models already
+        report["models"] = {"default": model_report(model, measured.own)}
+    for name, recipe in settings.models.items():
+        other = training.build(recipe, checked=False)
+        report["models"][name] = model_report(other, measured.beside("HHR", name, other))
     return Study(training, model, tests, measured, settings, report)
 
 
