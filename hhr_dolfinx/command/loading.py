@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def scene_of(name: str) -> Scene:
-    """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
-
-    Raises:
-        SceneError: for invalid input.
-    """
+    """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one."""
     from hhr_dolfinx.scene import Scene
 
     found = find("scenes", name)
@@ -51,12 +47,9 @@ def beside(name: str, attribute: str) -> Any:
 
 
 def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
-    """A point from ``name=value`` words, one or several in each, separated by commas.
+    """A point from ``name=value`` words, one or several in each, separated by commas; ParameterError for wrong ones.
 
     ``others`` are values of the parameters that are not named, (P,); None if all must be.
-
-    Raises:
-        ParameterError: for a word without a number, or a name that is unknown or repeated.
     """
     found: dict[str, float] = {}
     for word in (part.strip() for given in words for part in given.split(",") if part.strip()):
@@ -90,12 +83,7 @@ def is_model(name: str) -> bool:
 
 
 def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
-    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry point.
-
-    Raises:
-        SceneError: for an unknown name, or one that is not a class.
-        ModelFileError: see :func:`hhr_dolfinx.online.model_file.load_model`.
-    """
+    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry point."""
     from hhr_dolfinx.online.model_file import load_model
 
     classes = [find("laws", name) for name in known]
@@ -106,11 +94,7 @@ def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
-    """Refuse, before anything is computed, a file that could not be written afterwards; None is valid.
-
-    Raises:
-        FileError: for another ending, a folder of this name, or a folder without write access.
-    """
+    """Refuse with a FileError, before anything is computed, a file that could not be written afterwards."""
     if path is None:
         return
     if path.suffix not in endings:

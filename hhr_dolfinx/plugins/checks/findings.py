@@ -31,14 +31,10 @@ class Finding(NamedTuple):
 
 @dataclass
 class SceneCheck:
-    """Findings of a check.
+    """Findings of a check of a scene, in their order, each once, and its mesh; None if it has none.
 
-    Attributes:
-        scene: the scene.
-        findings: in the order of the check, each once.
-        discretisation: its mesh; None if it has none.
-        pairs: surfaces and rows of each contact pair; no rows if they were refused.
-        forces: for each load its name and its nodal forces at the checked parameter, (nodes, dim).
+    Of each contact pair its surfaces and rows, none if they were refused; of each load its name and its nodal forces at
+    the checked parameter, (nodes, dim).
     """
 
     scene: Scene

@@ -50,12 +50,7 @@ class RequestError(Exception):
 
 
 class Protocol:
-    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers.
-
-    Args:
-        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
-        name: of the model, for clients.
-    """
+    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers."""
 
     def __init__(self, model: AnsweringModel, name: str = NAME):
         self.name = name
@@ -73,11 +68,7 @@ class Protocol:
         }
 
     def get(self, path: str) -> Fields:
-        """Answer a GET request.
-
-        Raises:
-            RequestError: for any path but ``/Info``.
-        """
+        """Answer a GET request; RequestError for any path but ``/Info``."""
         if path != "/Info":
             raise self._unknown(path)
         return {"protocolVersion": VERSION, "models": [self.name]}
@@ -85,9 +76,7 @@ class Protocol:
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
 
-        Raises:
-            RequestError: for an unknown path or model, or fields that are missing or invalid, and for a point outside
-                of the box or the training range, or without an answer.
+        RequestError for an unknown path or model, invalid fields, a refused point, or one without an answer.
         """
         if not self.supported.get(path.removeprefix("/"), True):
             raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")

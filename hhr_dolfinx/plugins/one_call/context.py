@@ -119,11 +119,7 @@ class SearchContext:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
-        """Report a stage, and stop it if the rest of it exceeds the budget.
-
-        Raises:
-            BudgetSpentError: if no time is left, or not enough by the time of the share that is done.
-        """
+        """Report a stage; BudgetSpentError if no time is left, or not enough by the time of the share that is done."""
         self.progress(stage, share)
         self._check_seconds()
         now = self.clock.seconds
@@ -179,8 +175,7 @@ class SearchContext:
     def training(self, count: int) -> Training:
         """About so many training answers, including those of smaller trainings and of checks.
 
-        Raises:
-            BudgetSpentError: before anything is solved for, if the budget does not allow it.
+        BudgetSpentError before anything is solved for, if the budget does not allow it.
         """
         questions: Any
         if self.family is not None:
@@ -223,10 +218,7 @@ class SearchContext:
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
         """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
 
-        If the budget ends there are fewer; ``short`` then has the reason.
-
-        Raises:
-            BudgetSpentError: if it allows none.
+        If the budget ends there are fewer, and ``short`` has the reason; BudgetSpentError if it allows none.
         """
         self.checks += 1
         seed = self.seed + FRESH_SEED + self.checks
@@ -319,7 +311,7 @@ class SearchContext:
         solved = self.workers.solved(list(some.values()))
         self.batches.append(clock.seconds)
         for (key, question), found in zip(some.items(), solved, strict=True):
-            with lost.recorded(_label(self.full, question)):
+            with lost.recorded(str(getattr(question, "name", "")) or self.full.parameters.described(question)):
                 if isinstance(found, HHRError):
                     raise found
                 self._known[key] = found
@@ -349,8 +341,3 @@ def _key(question: np.ndarray | AnswerPath) -> bytes:
     if isinstance(question, np.ndarray):
         return question.tobytes()
     return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
-
-
-def _label(full: FullOrderModel, question: Any) -> str:
-    name = str(getattr(question, "name", ""))
-    return name or full.parameters.described(question)

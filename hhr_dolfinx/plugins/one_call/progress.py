@@ -27,10 +27,7 @@ class Stopwatch:
 class ShareLines:
     """Progress as lines: one for each stage of a long run, then the fraction of the stage that is done.
 
-    Args:
-        write: function that writes a line.
-        quiet: seconds without output at the start, since a short run needs no progress.
-        every: seconds between two lines of one stage.
+    There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last one of a stage.
     """
 
     def __init__(self, write: Callable[[str], None], quiet: float = 2.0, every: float = 5.0):

@@ -72,23 +72,14 @@ class Budget:
 
 @dataclass(frozen=True)
 class Target:
-    """Target accuracy of a model.
-
-    Attributes:
-        error: largest relative error.
-        of: quantities: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
-    """
+    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs by name."""
 
     error: float
     of: tuple[str, ...]
 
     @classmethod
     def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
-        """Target for the answers of a full model.
-
-        Raises:
-            ParameterError: for an error outside (0, 1), or less than round-off, or of an unknown quantity.
-        """
+        """Target for the answers of a full model; ParameterError for an error outside (0, 1) or an unknown quantity."""
         if not is_number(error) or not 0 < error < 1:
             raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
         if error < LEAST_ERROR:

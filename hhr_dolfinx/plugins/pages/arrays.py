@@ -87,11 +87,7 @@ class LawOnPage(Protocol):
 
 
 def page_of(law: ContactLaw, what: str) -> LawOnPage:
-    """The facet ``page`` of a law.
-
-    Raises:
-        NotOfferedError: if its plug-in has none.
-    """
+    """The facet ``page`` of a law; NotOfferedError if its plug-in has none."""
     found: LawOnPage = registry.facet(law.plugin, "page", f"{what} of contacts with {law.name}")
     return found
 
@@ -110,9 +106,6 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
-
-    Raises:
-        NotOfferedError: for a user-defined amplitude.
     """
     arrays = Packed()
     tree = contact_tree(model, arrays) | {"bound": _bound(model, arrays)}
@@ -129,11 +122,7 @@ def _bound(model: Any, arrays: Packed) -> dict[str, Any] | None:
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Data to solve for contact forces and outputs without Python: a tree of plain values, with names of arrays.
-
-    Raises:
-        NotOfferedError: for a user-defined amplitude.
-    """
+    """Plain values, with names of arrays, to solve for contact forces and outputs without Python."""
     space = model.parameters
     inelastic = flows(model)
     amplitudes = _amplitudes_of(model)

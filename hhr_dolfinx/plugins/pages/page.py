@@ -76,11 +76,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
 
 def check_for_page(model: object) -> None:
-    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed.
-
-    Raises:
-        NotOfferedError: for any other model, or one whose contact problem alone is too large.
-    """
+    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed."""
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)

@@ -261,8 +261,7 @@ def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, poi
 class Monomials:
     """Monomials of parameters scaled to [-1, 1] at some points, (S, P); at most a third as many as points.
 
-    If the modulus of a component depends on one parameter only, the compliance, 1 over the modulus, replaces it,
-    in which answers are nearly linear.
+    A modulus of one parameter replaces it by the compliance, in which answers are nearly linear.
     """
 
     def __init__(self, model: Any, points: np.ndarray):

@@ -104,11 +104,7 @@ class Scenery:
     owners: np.ndarray | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write it to a file.
-
-        Raises:
-            FileError: if it cannot be written.
-        """
+        """Write it to a file."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
         if self.strains is not None:

@@ -27,14 +27,9 @@ SHADES = 6
 
 
 class Mark(NamedTuple):
-    """A method of the chart of errors over times.
+    """A method: seconds of a query, its errors at half of the points, at 95 %, at most; ``own`` is that of the report.
 
-    Attributes:
-        name: name of the method.
-        seconds: of a query.
-        error: at half of the points.
-        high, worst: error below which 95 % of the points are, and the largest one; NaN or infinite if unknown.
-        own: whether it is the model of the report.
+    NaN and infinity are unknown.
     """
 
     name: str

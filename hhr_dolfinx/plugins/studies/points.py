@@ -82,10 +82,10 @@ def measure_points(
     errors |= {name: references.errors(item) for name, item in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
-    report = {
-        "active_set": _searches(answers),
-        "samples": _samples(points, answers, errors["online"]),
-    }
+    iterations = [answer.iterations for answer in answers]
+    searches = {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations)}
+    searches["cycles"] = sum(answer.cycled for answer in answers)
+    report = {"active_set": searches, "samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     own = Row("HHR", "this model", warm["online"], errors["online"])
@@ -126,12 +126,6 @@ def _without_naive(full: FullOrderModel) -> str:
     if not registry.parts("baselines"):
         return "no plug-in of baselines is installed"
     return "not asked for: one query takes too long to measure a hundred"
-
-
-def _searches(answers: list[Answer]) -> Report:
-    iterations = [answer.iterations for answer in answers]
-    cycles = sum(answer.cycled for answer in answers)
-    return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:

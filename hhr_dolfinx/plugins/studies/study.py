@@ -153,7 +153,15 @@ def run_study(
     if full.comm.size > 1:
         raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     tests = _tests_of(full.scene, settings, points)
-    model, measured = _measured(training, settings, tests, progress)
+    laws = study_of(full.scene)
+    if laws is not None and isinstance(tests, dict):
+        model: Any
+        model, measured = laws.measure(training, settings, tests, progress)
+    else:
+        from hhr_dolfinx.plugins.studies.points import measure_points  # not needed for histories
+
+        model = training.build(settings.recipe)
+        measured = measure_points(training, model, settings, tests, progress)
     rows = [measured.own.as_report()]
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
@@ -167,23 +175,6 @@ def run_study(
         other = training.build(recipe, checked=False)
         report["models"][name] = model_report(other, measured.beside("HHR", name, other))
     return Study(training, model, tests, measured, settings, report)
-
-
-def _measured(
-    training: Training,
-    settings: StudySettings,
-    tests: np.ndarray | dict[Any, HistoryPath],
-    progress: Progress,
-) -> tuple[Any, Measurement]:
-    """The model under study, measured at points or along paths; modules of the other kind are not imported."""
-    if isinstance(tests, dict):
-        laws = study_of(training.full_order.scene)
-        assert laws is not None
-        return laws.measure(training, settings, tests, progress)
-    from hhr_dolfinx.plugins.studies.points import measure_points
-
-    model = training.build(settings.recipe)
-    return model, measure_points(training, model, settings, tests, progress)
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:

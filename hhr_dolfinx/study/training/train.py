@@ -86,7 +86,7 @@ class Training(Shown):
         """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
 
         Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
-        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
+        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductors,
         see :class:`~hhr_dolfinx.reduction.reductor.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
