@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import KeptModel
+    from hhr_dolfinx.units import Units
 
 # files only: without a display VTK would first look for an X server and print an error
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
@@ -205,8 +207,7 @@ def _draw_answers(
     method: str = "HHR",
 ) -> None:
     problem = full.problem
-    units = full.scene.units
-    view = view.of(units)
+    view = in_units(view, full.scene.units)
     panels = [
         _pressures_of(full, pair, pairs, view, method)
         for pair in np.unique(problem.contact_pairs)
@@ -225,6 +226,22 @@ def _draw_answers(
     draw_fields(field_grid(full, where, fields), view, fields, cells, folder)
 
 
+def in_units(view: View, units: Units | None) -> View:
+    """The view with the unit of stress of a scene, if it has none."""
+    return view if view.stress is not None else replace(view, stress="Pa" if units is None else units.stress)
+
+
+def along(view: View, places: np.ndarray, pair: int, units: Units | None) -> tuple[np.ndarray, str]:
+    """Positions of the conditions of one contact along its surface, (m,), and their label."""
+    unit = "" if units is None else f" [{units.length}]"
+    meant = pair == (view.pair or 0)
+    if meant and view.position is not None:
+        return view.position(places), view.label or f"position along the surface{unit}"
+    axis = int(np.ptp(places, axis=0).argmax())
+    named = f"{'xyz'[axis]}{unit}"
+    return places[:, axis], (view.label or named) if meant else named
+
+
 class Panel(NamedTuple):
     """One of several drawings in a row: its title, labels, lines and marks."""
 
@@ -239,7 +256,7 @@ def _pressures_of(
 ) -> Panel:
     """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if there is one."""
     own = full.problem.pressing_of(pair)
-    where, label = view.along(full.problem.contact_points[own], pair, full.scene.units)
+    where, label = along(view, full.problem.contact_points[own], pair, full.scene.units)
     lines = {}
     marks = {}
     closed_forms = {}

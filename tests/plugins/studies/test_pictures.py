@@ -5,6 +5,7 @@ import pytest
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, StudyError
+from hhr_dolfinx.plugins.studies.plots import along, in_units
 from hhr_dolfinx.plugins.studies.queries import WARM_UP, time_queries
 from hhr_dolfinx.study.view import View
 
@@ -13,16 +14,17 @@ WIDE = np.array([[0.0, 1.0], [4.0, 1.1], [2.0, 1.0]])
 
 def test_positions_are_along_the_longer_side_in_the_unit_of_the_scene():
     for turned, name in ((WIDE, "x"), (WIDE[:, ::-1], "y")):
-        where, label = View().along(turned, 1, hhr.Units("mm", "MPa"))
+        where, label = along(View(), turned, 1, hhr.Units("mm", "MPa"))
         assert where.tolist() == [0.0, 4.0, 2.0] and label == f"{name} [mm]"
-    assert View().along(WIDE, 0, None)[1] == "x" and View().of(None).stress == "Pa"
-    assert View().of(hhr.Units("mm", "MPa")).stress == "MPa" and View(stress="kPa").of(None).stress == "kPa"
+    assert along(View(), WIDE, 0, None)[1] == "x" and in_units(View(), None).stress == "Pa"
+    assert in_units(View(), hhr.Units("mm", "MPa")).stress == "MPa"
+    assert in_units(View(stress="kPa"), None).stress == "kPa"
 
 
 def test_a_position_of_ones_own_is_that_of_its_contact():
     view = View(position=lambda places: -places[:, 1], label="depth [m]")
-    assert view.along(WIDE, 0, None)[1] == "depth [m]" and view.along(WIDE, 0, None)[0][1] == -1.1
-    assert view.along(WIDE, 1, None)[1] == "x"
+    assert along(view, WIDE, 0, None)[1] == "depth [m]" and along(view, WIDE, 0, None)[0][1] == -1.1
+    assert along(view, WIDE, 1, None)[1] == "x"
 
 
 def test_queries_are_timed_behind_a_warm_up():
