@@ -192,7 +192,7 @@ def main() -> None:
     runs = (line_contact, lambda quick: line_contact(quick, 2), ball, patch, rates, rates_of_second_order)
     rows = [found for run in runs for found in run(options.quick)]
     report.write_report({"scene": "benchmarks", "benchmarks": rows, **report.environment()}, options.out)
-    report.print_rows("published benchmarks", [told(found) for found in rows], options.console)
+    cli.print_rows("published benchmarks", [told(found) for found in rows], options.console)
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ def main() -> None:
             if mesh == "7 on 8" and name != "double_pass":
                 curves[name] = where, pressure
     report.write_report(rows, options.out, "contact_patch_test")
-    report.print_rows("largest error of stress and pressure", rows, options.console)
+    cli.print_rows("largest error of stress and pressure", rows, options.console)
     plots.plot_curves(curves, options.out / "pressures.png", ("position along the interface", "pressure / exact"))
 
 

@@ -30,7 +30,7 @@ def main() -> int:
     flowing = [*flow_cases(), *tube_cases()]
     rows = [row for case in options.progress("cases")(elastic) for row in verify(case, counts, options.seed)]
     rows += [row for case in options.progress("flow")(flowing) for row in verify(case, counts, options.seed)]
-    report.print_rows("extreme cases", rows, options.console)
+    cli.print_rows("extreme cases", rows, options.console)
     report.write_report(rows, options.out, "extreme_cases")
     report.write_report(as_report(rows, options.seed), options.out)
     wrong = [row["case"] for row in rows if row["outcome"] == "WRONG"]

@@ -247,7 +247,7 @@ def main() -> None:
     rows = list(references(options.quick))
     report.write_report({"scene": "friction", "friction": {"reference": rows}, **report.environment()}, options.out)
     told = [{**line, "reference": f"{line['reference']:.5g}", "ours": f"{line['ours']:.5g}"} for line in rows]
-    report.print_rows("friction beside references", told, options.console)
+    cli.print_rows("friction beside references", told, options.console)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,7 @@ def main() -> None:
         for kind, part in (("condensed", found), ("hhr", found["hhr"]))
         for name, item in part["errors"].items()
     ]
-    report.print_rows("errors along unseen paths", lines, options.console)
+    cli.print_rows("errors along unseen paths", lines, options.console)
     times = found["times"]
     options.console.print(
         f"an increment: full order {1e3 * times['full order']:.2f} ms, condensed {1e3 * times['condensed']:.2f} ms, "

@@ -119,7 +119,7 @@ def main() -> None:
             if training.choice is not None and name == "pellet":
                 chosen[label] = training
         scenes[name] = {"tests": tests, "trainings": rows}
-        report.print_rows(f"{name}: errors at {tests} points", rows, options.console)
+        cli.print_rows(f"{name}: errors at {tests} points", rows, options.console)
     draw(chosen, options)
     report.write_report({"seed": options.seed, "scenes": scenes, **report.environment()}, options.out)
 

@@ -170,8 +170,8 @@ def main() -> None:
         rows += measured(name, training, asked, options)
     found = {"ranks": ranks(rows), "warnings": warnings_of(rows)}
     report.write_report({**found, "paths": rows, **report.environment()}, options.out)
-    report.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
-    report.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
+    cli.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
+    cli.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
 
 
 if __name__ == "__main__":

@@ -182,7 +182,7 @@ def main() -> None:
         rows.append(row)
         # an hour is long: what is there is kept
         report.write_report(found, options.out)
-    report.print_rows("local models", rows, options.console)
+    cli.print_rows("local models", rows, options.console)
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def main() -> int:
     counts = [{"training": name, **summed_up([row for row in rows if row["training"] == name])} for name in names]
     counts.append({"training": "all", **summed_up(rows)})
     given = warnings_given(rows)
-    report.print_rows(f"random recipes, {points} points", counts, options.console)
+    cli.print_rows(f"random recipes, {points} points", counts, options.console)
     options.console.print(f"warnings: {given or 'none'}")
     written = {"seed": options.seed, "points": points, "summary": counts, "warnings": given, "rows": rows}
     report.write_report({**written, **report.environment()}, options.out)

@@ -243,7 +243,7 @@ def main() -> None:
     for name, rows in found.items():
         shown = [{key: value if isinstance(value, str | int) else f"{value:.2g}" for key, value in row.items()}
                  for row in rows]  # fmt: skip
-        report.print_rows(name, shown, options.console)
+        cli.print_rows(name, shown, options.console)
     report.write_report({"scene": "second_order", **found, **report.environment()}, options.out)
 
 

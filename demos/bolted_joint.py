@@ -110,7 +110,7 @@ def main() -> None:
         outputs = answer.outputs()
         values, units = point | outputs.values, UNITS | outputs.units
         rows.append({f"{name} [{units[name] or '-'}]": f"{value:.5g}" for name, value in values.items()})
-    report.print_rows("joint", rows, console)
+    cli.print_rows("joint", rows, console)
     answers[1].plot(out / "answer.png")
     hhr.save_model(out / "model.npz", model)
     hhr.write_model_page(out / "bolted_joint.html", model, scenery_of(full))

@@ -90,7 +90,7 @@ def main() -> None:
 
     found = fretting_study.study(scene(120 if options.quick else 240), options)
     report.write_report({"scene": "fretting", "seed": options.seed, **found, **report.environment()}, options.out)
-    report.print_rows("fretting", found["friction"]["reference"], options.console)
+    cli.print_rows("fretting", found["friction"]["reference"], options.console)
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ def main() -> None:
         found["scenes"][scene.name], row = measured(scene, options)
         rows.append(row)
     report.write_report(found, options.out)
-    report.print_rows("held by contact alone", rows, options.console)
+    cli.print_rows("held by contact alone", rows, options.console)
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ def main() -> None:
     cells = 60 if options.quick else 120
     found = sliding_punch_study.study(scene(cells=cells), cells, options)
     report.write_report({"scene": "sliding_punch", "seed": options.seed, **found, **report.environment()}, options.out)
-    report.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
+    cli.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
     times = found["friction"]["times"]
     options.console.print(
         f"drawn by {found['friction']['widths']:.1f} widths of its contact; an increment: condensed "

@@ -480,7 +480,9 @@ def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
 @needs("studies", "tables")
 def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     """To rich ``[bold]`` is a colour, and ``[/x]`` the end of one that never began."""
-    from hhr_dolfinx.plugins.studies.report import print_report, print_rows
+    from parts.cli import print_rows
+
+    from hhr_dolfinx.plugins.studies.report import print_report
 
     folder = tmp_path / "run [bold] a[" / "x]"
     hhr.answer_table(small_reduction, [], folder / "answers.csv", make_console())

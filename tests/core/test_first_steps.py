@@ -20,13 +20,12 @@ SPEAKS = f"""
 import sys
 sys.path.append({str(ROOT / "demos")!r})
 from parts import cli
-from hhr_dolfinx.plugins.studies import report
 options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
 for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]
 assert list(options.progress("lazy")(iter("ab"))) == ["a", "b"]
 options.console.print({LONG!r})
-report.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
+cli.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
 """
 
 

@@ -197,17 +197,8 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
     return path
 
 
-def print_rows(title: str, rows: list[Report], console: Console) -> None:
-    """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
-    cells = [
-        [f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}" for value in row.values()]
-        for row in rows
-    ]
-    console.print(_table(list(rows[0]), cells, title))
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], title: str | None = None) -> Table:
-    table = Table(*head, title=title)
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(*head)
     for row in rows:
         table.add_row(*(cell[:LONGEST] for cell in row))
     return table
