@@ -179,9 +179,8 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
 
 def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any) -> None:
     """Write ``report.json`` and print its tables."""
-    from parts import cli
-
     from hhr_dolfinx.plugins.studies import report
+    from parts import cli
 
     report.write_report({"scene": "indentation", "seed": options.seed, **report.environment(),
                          "calibration": calibration, "tabor": rows,
