@@ -54,8 +54,10 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
         look_at_mesh_error(found, point)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
-    if found.drawable:
-        found.draw(picture)
+    if found.discretisation is not None:
+        from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
+
+        figure_of_scene(found).savefig(picture, dpi=150)
         console.print(f"picture: {picture}")
     sys.exit(NO_ANSWER if found.mistakes else 0)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -55,20 +54,9 @@ class SceneCheck:
         return self.discretisation
 
     @property
-    def drawable(self) -> bool:
-        """True if there is a mesh to draw."""
-        return self.discretisation is not None
-
-    @property
     def length(self) -> str:
         """Unit of length after a blank; empty if it is not given."""
         return "" if self.scene.units is None else f" {self.scene.units.length}"
-
-    def draw(self, path: Path) -> None:
-        """Draw bodies, contact surfaces, supports and loads."""
-        from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
-
-        figure_of_scene(self).savefig(path, dpi=150)
 
     def say(self, text: str, level: str = OK) -> None:
         """Add a finding, unless it is there already: a pair is checked separately and with all others."""
