@@ -66,7 +66,9 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         _size(found, problem)
         _gaps(found, problem, middle)
         _supports(found, problem)
-        _loads(found, middle)
+        for load in scene.loads:
+            with found.heard():
+                _load(found, load, middle)
         _outputs(found, problem, laws)
     return found
 
@@ -227,25 +229,20 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
         found.say("displacements hold every body")
 
 
-def _loads(found: SceneCheck, point: np.ndarray) -> None:
-    for load in found.scene.loads:
-        with found.heard():
-            _load(found, load, point)
-
-
 def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
+    """Report the resultant of a load for the amplitude 1, or a load without effect."""
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
     terms = load.terms(discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    columns = [
-        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
-    ]
+    every = [term.columns for term in terms]
+    columns = [csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in every]
     if not any(part.count_nonzero() for part in columns):
         found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
         return
     found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
-    if all(_vanishes(term.amplitude) for term in terms):
+    amplitudes = [term.amplitude for term in terms]
+    if all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
     if all(part.shape[1] == 1 for part in columns):
@@ -263,10 +260,6 @@ def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
     terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
     amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
     return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
-
-
-def _vanishes(amplitude: object) -> bool:
-    return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:

@@ -300,9 +300,9 @@ class _Found:
         """Models that are worth trying, as long as the budget allows one."""
         context = self._context
         for number, attempt in enumerate(attempts(context)):
-            if any(item.met for item in self.tried) and not _worth_trying(context, attempt, self.tried):
-                return
-            if self._over:
+            # with many contact conditions another kind of model may be faster than one that meets the target
+            other = context.full.conditions >= MANY and all(item.method != attempt.method for item in self.tried)
+            if self._over or (any(item.met for item in self.tried) and not other):
                 return
             if attempt.method in self._ended:
                 continue
@@ -350,12 +350,6 @@ class _Found:
         self._trying = None
         self.tried.append(row)
         self.models.append(model)
-
-
-def _worth_trying(context: SearchContext, attempt: Proposal, tried: Sequence[Tried]) -> bool:
-    """True if another model may be faster than one that meets the target: once, with many contact conditions."""
-    large = context.full.conditions >= MANY
-    return large and not any(item.method == attempt.method for item in tried)
 
 
 def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:

@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.formulas import Scalar, formula_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.functionals.kinds import Linear
-from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
@@ -72,7 +72,12 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     tree["middle"] = flow.factors.middle.tolist()
     tree["groups"] = [_group(group, names) for group in flow.groups]
     tree["fixed"] = fixed(model)
-    return tree | {"unforeseen": _unforeseen(model.fields.flow, arrays)}
+    # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
+    # orthogonal to the modes, so their orthonormal directions suffice
+    plastic = model.fields.flow
+    tree["unforeseen"] = packed_levels("flow_shown", np.linalg.qr(plastic.shown)[0].T, arrays)
+    tree["unforeseen"]["without"] = arrays.put("flow_without", plastic.without, "<f4")
+    return tree
 
 
 def _weights(flow: CondensedFlow) -> np.ndarray:
@@ -118,13 +123,6 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
             yield from (names.index(name) for name in item.formula.variables)
         else:
             yield from range(len(names))
-
-
-def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
-    """Data of :meth:`PlasticFields.unforeseen` for the estimate of the answer shown, to a few digits."""
-    # the residual of the fit to all points is orthogonal to the modes, so their orthonormal directions suffice
-    ways, _ = np.linalg.qr(flow.shown)
-    return packed_levels("flow_shown", ways.T, arrays) | {"without": arrays.put("flow_without", flow.without, "<f4")}
 
 
 def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
