@@ -43,7 +43,7 @@ TIMES = {
     "condensed": "condensation, contact forces",
     "condensed_full": "condensation, fields and forces",
     "online": "the reduced model, contact forces",
-    "online_lapack": "the same, each system factored by LAPACK",
+    "online_lapack": "the reduced model, contact forces, each system factored by LAPACK",
     "online_full": "the reduced model, fields and forces",
     "online_forces": "the reduced model, forces on the whole surface",
 }
