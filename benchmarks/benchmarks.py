@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
+import _demos  # noqa: F401
 import numpy as np
 from benchmark_meshes import half_round
 from mpi4py import MPI
@@ -183,13 +184,15 @@ def told(found: Row) -> dict[str, str]:
 
 def main() -> None:
     """Run all of them, print and write the table."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("benchmarks", __doc__))
     runs = (line_contact, lambda quick: line_contact(quick, 2), ball, patch, rates, rates_of_second_order)
     rows = [found for run in runs for found in run(options.quick)]
     report.write_report({"scene": "benchmarks", "benchmarks": rows, **report.environment()}, options.out)
-    report.print_rows("published benchmarks", [told(found) for found in rows], options.console)
+    cli.print_rows("published benchmarks", [told(found) for found in rows], options.console)
 
 
 if __name__ == "__main__":

@@ -15,14 +15,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+import _demos  # noqa: F401
 import numpy as np
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.plugins.exporters.deck import write_deck
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 
 WIDE, PRESSED = 1, 2
 PUSH = 0.01

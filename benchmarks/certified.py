@@ -31,10 +31,11 @@ import press_fit
 import sphere_on_block
 import thesis_bounds as theorems
 from mpi4py import MPI
+from parts import cli
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 
@@ -233,11 +234,11 @@ def main() -> None:
     report.write_report({"points": count, **found_all, **report.environment()}, options.out)
     for kind in KINDS:
         shown = [{key: row[key] for key in row if key in ("scene", "model") or key.startswith(kind)} for row in rows]
-        report.print_rows(f"bounds, {kind}: bound over error", shown, options.console)
-    report.print_rows("the thesis' own: right over left side", theorems.shown(theirs), options.console)
-    report.print_rows("seconds", [{key: row[key] for key in ("scene", "model", "solve", "forces", "estimate")}
+        cli.print_rows(f"bounds, {kind}: bound over error", shown, options.console)
+    cli.print_rows("the thesis' own: right over left side", theorems.shown(theirs), options.console)
+    cli.print_rows("seconds", [{key: row[key] for key in ("scene", "model", "solve", "forces", "estimate")}
                                   for row in rows], options.console)  # fmt: skip
-    report.print_rows(f"never off by more than {TOLERANCE:g}", falls, options.console)
+    cli.print_rows(f"never off by more than {TOLERANCE:g}", falls, options.console)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import _demos  # noqa: F401
 import numpy as np
 from mpi4py import MPI
 from verify import recorded_warnings
@@ -64,7 +65,9 @@ def solve(built: hhr.Scene) -> tuple[np.ndarray, np.ndarray, float]:
 
 def main() -> None:
     """Measure all pairings on several meshes, print a table, draw the pressures."""
-    from hhr_dolfinx.plugins.studies import cli, plots, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import plots, report
 
     options = cli.parse_on_first_rank(cli.demo_parser("contact_patch_test", __doc__))
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),
@@ -81,7 +84,7 @@ def main() -> None:
             if mesh == "7 on 8" and name != "double_pass":
                 curves[name] = where, pressure
     report.write_report(rows, options.out, "contact_patch_test")
-    report.print_rows("largest error of stress and pressure", rows, options.console)
+    cli.print_rows("largest error of stress and pressure", rows, options.console)
     plots.plot_curves(curves, options.out / "pressures.png", ("position along the interface", "pressure / exact"))
 
 

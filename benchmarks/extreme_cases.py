@@ -16,9 +16,10 @@ from extreme_matching import matching_cases
 from extreme_nonmatching import non_matching_cases
 from extreme_surfaces import surface_cases
 from extreme_tubes import tube_cases
+from parts import cli
 from verify import as_report, verify
 
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 
 
 def main() -> int:
@@ -29,7 +30,7 @@ def main() -> int:
     flowing = [*flow_cases(), *tube_cases()]
     rows = [row for case in options.progress("cases")(elastic) for row in verify(case, counts, options.seed)]
     rows += [row for case in options.progress("flow")(flowing) for row in verify(case, counts, options.seed)]
-    report.print_rows("extreme cases", rows, options.console)
+    cli.print_rows("extreme cases", rows, options.console)
     report.write_report(rows, options.out, "extreme_cases")
     report.write_report(as_report(rows, options.seed), options.out)
     wrong = [row["case"] for row in rows if row["outcome"] == "WRONG"]

@@ -239,13 +239,15 @@ def references(quick: bool) -> Iterator[Row]:
 
 def main() -> None:
     """Run all cases, print and write the table."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("friction", __doc__))
     rows = list(references(options.quick))
     report.write_report({"scene": "friction", "friction": {"reference": rows}, **report.environment()}, options.out)
     told = [{**line, "reference": f"{line['reference']:.5g}", "ours": f"{line['ours']:.5g}"} for line in rows]
-    report.print_rows("friction beside references", told, options.console)
+    cli.print_rows("friction beside references", told, options.console)
 
 
 if __name__ == "__main__":

@@ -15,9 +15,10 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding_plastic as plastic
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
 COEFFICIENT = 0.3
@@ -67,7 +68,7 @@ def main() -> None:
             found[f"{kind}, gap {gap:g} um"] = errors(full, ours, exact) | {"seconds": fast, "full": slow}
     report.write_report({"scene": "friction_flow", "friction": found, **report.environment()}, options.out)
     rows = [{"of": name, **{key: f"{value:.2g}" for key, value in item.items()}} for name, item in found.items()]
-    report.print_rows("largest errors along unseen histories", rows, options.console)
+    cli.print_rows("largest errors along unseen histories", rows, options.console)
 
 
 if __name__ == "__main__":

@@ -19,12 +19,13 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_materials
 from mpi4py import MPI
+from parts import cli
 from parts.friction_report import differences, errors_of
 from scipy.stats import qmc
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
 LEGS, STEPS = 5, 8
@@ -148,7 +149,7 @@ def main() -> None:
         for kind, part in (("condensed", found), ("hhr", found["hhr"]))
         for name, item in part["errors"].items()
     ]
-    report.print_rows("errors along unseen paths", lines, options.console)
+    cli.print_rows("errors along unseen paths", lines, options.console)
     times = found["times"]
     options.console.print(
         f"an increment: full order {1e3 * times['full order']:.2f} ms, condensed {1e3 * times['condensed']:.2f} ms, "

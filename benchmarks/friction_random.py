@@ -99,7 +99,9 @@ def tried(count: int, rng: np.random.Generator) -> dict[str, Any]:
 
 def main() -> None:
     """Try, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("friction_random", __doc__)
     parser.add_argument("--count", type=int, default=20_000, help="how many problems (%(default)s)")

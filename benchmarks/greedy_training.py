@@ -25,9 +25,10 @@ import numpy as np
 import pellet_cladding
 import pellet_materials
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
@@ -118,7 +119,7 @@ def main() -> None:
             if training.choice is not None and name == "pellet":
                 chosen[label] = training
         scenes[name] = {"tests": tests, "trainings": rows}
-        report.print_rows(f"{name}: errors at {tests} points", rows, options.console)
+        cli.print_rows(f"{name}: errors at {tests} points", rows, options.console)
     draw(chosen, options)
     report.write_report({"seed": options.seed, "scenes": scenes, **report.environment()}, options.out)
 

@@ -20,6 +20,7 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding_plastic as pellet
 from mpi4py import MPI
+from parts import cli
 from pellet_cladding_paths import path_cases
 from scipy.stats import spearmanr
 
@@ -29,7 +30,7 @@ from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import OutsideTrainingWarning, UnstableModelError
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 
@@ -169,8 +170,8 @@ def main() -> None:
         rows += measured(name, training, asked, options)
     found = {"ranks": ranks(rows), "warnings": warnings_of(rows)}
     report.write_report({**found, "paths": rows, **report.environment()}, options.out)
-    report.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
-    report.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
+    cli.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
+    cli.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
 
 
 if __name__ == "__main__":

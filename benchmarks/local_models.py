@@ -28,12 +28,14 @@ import pellet_cladding
 import pellet_materials
 from local_report import local_part
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
-from hhr_dolfinx.timing import time_queries, timed
+from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.timing import timed
 
 TABLE_4_1 = np.array([[170.0, 3.2], [30.0, 5.25]])
 """The two points of table 4.1: 0.03 and 0.02 % primal, 2.0 and 2.4 % dual."""
@@ -180,7 +182,7 @@ def main() -> None:
         rows.append(row)
         # an hour is long: what is there is kept
         report.write_report(found, options.out)
-    report.print_rows("local models", rows, options.console)
+    cli.print_rows("local models", rows, options.console)
 
 
 if __name__ == "__main__":

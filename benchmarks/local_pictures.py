@@ -57,8 +57,9 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
 
 def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:
     """Errors of forces over both parameters, figures 4.5, 4.6 and 4.10."""
+    from thesis_output import plot_maps
+
     from hhr_dolfinx.plugins.studies.measure import References
-    from hhr_dolfinx.plugins.studies.plots import plot_maps
 
     points = training.full_order.parameters.grid([12, 10] if quick else [40, 30])
     references = References.at(points, training.full_order, training.snapshots)

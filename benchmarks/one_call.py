@@ -179,7 +179,9 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
 
 def main() -> None:
     """All cases, one after another."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("one_call", __doc__)
     parser.add_argument("--only", help="the case of this name alone")

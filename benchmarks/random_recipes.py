@@ -20,10 +20,11 @@ import hertz_half_discs
 import numpy as np
 import pellet_cladding
 from mpi4py import MPI
+from parts import cli
 from recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 
@@ -55,7 +56,7 @@ def main() -> int:
     counts = [{"training": name, **summed_up([row for row in rows if row["training"] == name])} for name in names]
     counts.append({"training": "all", **summed_up(rows)})
     given = warnings_given(rows)
-    report.print_rows(f"random recipes, {points} points", counts, options.console)
+    cli.print_rows(f"random recipes, {points} points", counts, options.console)
     options.console.print(f"warnings: {given or 'none'}")
     written = {"seed": options.seed, "points": points, "summary": counts, "warnings": given, "rows": rows}
     report.write_report({**written, **report.environment()}, options.out)

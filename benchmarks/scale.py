@@ -27,10 +27,11 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import sphere_on_block as demo
 from mpi4py import MPI
+from parts import cli
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
 MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15, 7), (26, 13, 19, 9),

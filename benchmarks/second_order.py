@@ -226,7 +226,9 @@ def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Compare, print, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("second_order", __doc__))
     quick = options.quick
@@ -241,7 +243,7 @@ def main() -> None:
     for name, rows in found.items():
         shown = [{key: value if isinstance(value, str | int) else f"{value:.2g}" for key, value in row.items()}
                  for row in rows]  # fmt: skip
-        report.print_rows(name, shown, options.console)
+        cli.print_rows(name, shown, options.console)
     report.write_report({"scene": "second_order", **found, **report.environment()}, options.out)
 
 

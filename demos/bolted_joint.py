@@ -86,8 +86,10 @@ def scene(mesh: Path) -> hhr.Scene:
 
 def main() -> None:
     """Mesh, reduce, ask, and hand on as a page and as a unit."""
-    from hhr_dolfinx.command.console import shares_on
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.one_call.progress import shares_on
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("bolted_joint", __doc__))
     out, console = options.out, options.console
@@ -108,7 +110,7 @@ def main() -> None:
         outputs = answer.outputs()
         values, units = point | outputs.values, UNITS | outputs.units
         rows.append({f"{name} [{units[name] or '-'}]": f"{value:.5g}" for name, value in values.items()})
-    report.print_rows("joint", rows, console)
+    cli.print_rows("joint", rows, console)
     answers[1].plot(out / "answer.png")
     hhr.save_model(out / "model.npz", model)
     hhr.write_model_page(out / "bolted_joint.html", model, scenery_of(full))

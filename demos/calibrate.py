@@ -12,11 +12,11 @@ walk on the model, which takes as many answers as the full order could give in h
 from typing import Any
 
 import numpy as np
+from parts import cli
 from scipy.optimize import least_squares
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import coated_block as geometry
-from hhr_dolfinx.plugins.studies import cli
 from hhr_dolfinx.plugins.studies.report import write_report
 from hhr_dolfinx.timing import timed
 

@@ -81,14 +81,16 @@ def scene(
 
 def main() -> None:
     """Rub, compare with the full order and with closed forms, draw."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("fretting", __doc__))
     from parts import fretting_study
 
     found = fretting_study.study(scene(120 if options.quick else 240), options)
     report.write_report({"scene": "fretting", "seed": options.seed, **found, **report.environment()}, options.out)
-    report.print_rows("fretting", found["friction"]["reference"], options.console)
+    cli.print_rows("fretting", found["friction"]["reference"], options.console)
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def free_growth(power: float, expansion: float) -> float:
 
 def main() -> None:
     """Train, study, report."""
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("fuel_rod", __doc__))
     mesh, training = (QUICK_MESH, hhr.Sobol(64)) if options.quick else ({}, hhr.Sobol(512))

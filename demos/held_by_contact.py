@@ -61,9 +61,10 @@ def punch(cells: int = 24) -> hhr.Scene:
 
 def main() -> None:
     """Both scenes; print the table, write ``report.json`` and the models."""
+    from parts import cli
     from parts.held_by_contact_study import measured
 
-    from hhr_dolfinx.plugins.studies import cli, report
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("held_by_contact", __doc__))
     found: dict[str, Any] = {"scene": "held_by_contact", "seed": options.seed, "scenes": {}, **report.environment()}
@@ -72,7 +73,7 @@ def main() -> None:
         found["scenes"][scene.name], row = measured(scene, options)
         rows.append(row)
     report.write_report(found, options.out)
-    report.print_rows("held by contact alone", rows, options.console)
+    cli.print_rows("held by contact alone", rows, options.console)
 
 
 if __name__ == "__main__":

@@ -100,7 +100,7 @@ def tests(count: int = 8) -> list[Path]:
 
 def main() -> None:
     """Train on meshes of growing fineness, compare with the full order; on the last calibrate, and look at Tabor."""
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     parser = cli.demo_parser("indentation", __doc__)
     parser.add_argument("--cells", type=int, nargs="+", help="cells of the block along a side: 10 14, quick 10")

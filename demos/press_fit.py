@@ -71,7 +71,7 @@ def lame_pressure(interference: float, wall: float, young: float) -> float:
 
 def main() -> None:
     """Train on Sobol points, measure, report."""
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("press_fit", __doc__))
     training, tests = (hhr.Sobol(64), 20) if options.quick else (hhr.Sobol(96), 50)

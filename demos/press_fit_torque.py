@@ -81,7 +81,9 @@ def scene(**mesh: int) -> hhr.Scene:
 
 def main() -> None:
     """Condense, compare designs with the full order, study a thousand, draw."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("press_fit_torque", __doc__)
     parser.add_argument("--designs", type=int, default=5, help="designs that the full order answers (%(default)s)")

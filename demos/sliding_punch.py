@@ -69,7 +69,9 @@ def path(steps: int = STEPS) -> list:
 
 def main() -> None:
     """Condense, draw the punch over the block, compare with the full order, draw the picture."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("sliding_punch", __doc__))
     from parts import sliding_punch_study
@@ -77,7 +79,7 @@ def main() -> None:
     cells = 60 if options.quick else 120
     found = sliding_punch_study.study(scene(cells=cells), cells, options)
     report.write_report({"scene": "sliding_punch", "seed": options.seed, **found, **report.environment()}, options.out)
-    report.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
+    cli.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
     times = found["friction"]["times"]
     options.console.print(
         f"drawn by {found['friction']['widths']:.1f} widths of its contact; an increment: condensed "

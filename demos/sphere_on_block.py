@@ -70,7 +70,7 @@ def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
 
 def main() -> None:
     """Train, study, compare with Hertz, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
     mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.adapted(seed=options.seed, quick=options.quick)
@@ -81,7 +81,7 @@ def main() -> None:
         study.report["hertz"] = [{"pairing": name, **beside_hertz(model, push)}
                                  for name, model in models.items() for push in (0.1, 0.15, 0.25)]  # fmt: skip
         study.write(options.out, options.console, VIEW)
-        report.print_rows("relative to Hertz", study.report["hertz"], options.console)
+        cli.print_rows("relative to Hertz", study.report["hertz"], options.console)
 
 
 if __name__ == "__main__":

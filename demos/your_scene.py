@@ -68,7 +68,7 @@ VIEW = hhr.View(points=((0.9, 0.1),), deformed=True)
 
 def main() -> None:
     """Train, validate, time; save the model, and write everything to the output folder."""
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("your_scene", __doc__))
     built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)

@@ -58,7 +58,7 @@ from .plugins.inelastic.recipe import StressDeim as StressDeim
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
-from .plugins.one_call.search import Reduction as Reduction
+from .plugins.one_call.record import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
 from .plugins.one_call.target import Budget as Budget
 from .plugins.pages.page import write_model_page as write_model_page

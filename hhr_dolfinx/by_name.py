@@ -50,14 +50,10 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
     },
     "outputs": {
-        "outputs": (
-            "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
-            "LostContact VonMises"
-        ),
+        "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure "
+        "LinearForm LostContact VonMises",
     },
-    "samplings": {
-        "sampling": "Sobol LatinHypercube",
-    },
+    "samplings": {"sampling": "Sobol LatinHypercube Lattice"},
     "scenes": {},
 }
 """Names of the parts of the core, separated by blanks, by kind and by module below ``hhr_dolfinx``."""
@@ -77,11 +73,7 @@ _FOLDERS: set[Path] = set()
 
 
 def find(kind: str, name: str) -> Any:
-    """Find a part by name.
-
-    Args:
-        kind: ``geometries``, ``pairings``, ``laws``, ``forms``, ``loads``, ``outputs``, ``samplings`` or ``scenes``.
-        name: name of one of the forms of this module.
+    """Find a part of a kind of :data:`OWN` by a name in one of the forms of this module.
 
     Raises:
         SceneError: for an unknown name, a file without it, or a file that cannot be loaded.
@@ -179,7 +171,6 @@ def _file(path: Path) -> ModuleType:
 
 
 def _run(path: Path, whole: Path) -> ModuleType:
-    """Execute a file as a new module."""
     name = _name_of(whole)
     spec = importlib.util.spec_from_file_location(name, whole)
     assert spec is not None and spec.loader is not None  # the name of the file ends in .py

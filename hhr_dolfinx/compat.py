@@ -1,8 +1,7 @@
-"""Differences between DOLFINx distributions and versions, in one place.
+"""Differences between DOLFINx distributions and versions, in one place; the package imports it before other modules.
 
-The wheel ``dolfinx-solver-real`` needs ``import dolfinx_solver`` before dolfinx, mpi4py or petsc4py; conda and apt have
-no such module. The package imports this module before any other, and :mod:`solver_first` ensures the order, so that
-other modules need not. Nothing heavy is imported at the top. Optional packages are imported inside :func:`extra`.
+Nothing heavy is imported at the top, so that :mod:`solver_first` can order imports. Optional packages are imported
+inside :func:`extra`.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import solver_first
-from hhr_dolfinx.errors import MissingPackageError
+from hhr_dolfinx.errors import MissingPackageError, SceneError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,12 +41,12 @@ if "dolfinx_solver" not in sys.modules:
 
 
 class NamedMesh(tuple):
-    """Result of a geometry with the names of its tags: a mesh, the tags of its cells and of its facets.
+    """Result of a geometry: a mesh, the tags of its cells and of its facets, and their names.
 
     Attributes:
         physical_groups: name, dimension and number or numbers of each group; a body and a surface may have the same
             name. Meshes of DOLFINx have them from 0.10 on.
-        summary: summary of the mesh file, a ``geometries.summary.Summary``; None without a file.
+        summary: of the mesh file, a ``geometries.summary.Summary``; None without a file.
     """
 
     physical_groups: Groups
@@ -80,17 +79,17 @@ def netcdf4(what: str) -> Any:
     Its HDF5 differs from that of DOLFINx, whose symbols are global once PETSc is loaded. Unless each library resolves
     its symbols locally first, HDF5 files cannot be opened ("NetCDF: HDF error").
     """
-    given = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
-    if given is not None:
-        sys.setdlopenflags(given | getattr(os, "RTLD_DEEPBIND", 0))
+    flags = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
+    if flags is not None:
+        sys.setdlopenflags(flags | getattr(os, "RTLD_DEEPBIND", 0))
     try:
         with extra("mesh", what):
             import netCDF4
 
             return netCDF4
     finally:
-        if given is not None:
-            sys.setdlopenflags(given)
+        if flags is not None:
+            sys.setdlopenflags(flags)
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
@@ -112,12 +111,7 @@ def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackag
 
 
 def require_dolfinx() -> None:
-    """Check that DOLFINx is installed and recent enough, and that PETSc uses real numbers.
-
-    Raises:
-        MissingPackageError: if DOLFINx is missing, with the packages to install.
-        ImportError: if it is installed and cannot be used.
-    """
+    """Raise MissingPackageError without DOLFINx, ImportError if it is too old or its PETSc uses complex numbers."""
     try:
         import dolfinx
     except ImportError as error:
@@ -147,25 +141,19 @@ def versions() -> dict[str, str]:
     import petsc4py
     import slepc4py
 
-    return {
-        "dolfinx": dolfinx.__version__,
-        "petsc": petsc4py.__version__,
-        "slepc": slepc4py.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+    packages = {"dolfinx": dolfinx, "petsc": petsc4py, "slepc": slepc4py, "numpy": np}
+    return {name: package.__version__ for name, package in packages.items()} | {"python": platform.python_version()}
 
 
 def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
-    """Convert a gmsh model on rank 0 to ``(mesh, cell_tags, facet_tags)``, with the names of physical groups.
+    """Convert a gmsh model on rank 0 to a mesh with tags and the names of physical groups.
 
     ``shares`` returns the rank of each cell from points, the corners of cells, and the number of ranks; by default
-    DOLFINx partitions the mesh. The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
-    where the result is a named tuple with more fields.
+    DOLFINx partitions the mesh.
     """
     try:
-        module = importlib.import_module("dolfinx.io.gmsh")
-    except ModuleNotFoundError:
+        module = importlib.import_module("dolfinx.io.gmsh")  # its result has more fields than that of gmshio
+    except ModuleNotFoundError:  # up to 0.9
         module = importlib.import_module("dolfinx.io.gmshio")
     try:
         kinds = _kinds_of_cells(model) if comm.rank == 0 else set()
@@ -175,16 +163,12 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None
         partitioner = _partitioner(comm, points, shares)
         mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim, partitioner=partitioner)[:3]
     except (AssertionError, KeyError, RuntimeError) as error:
-        from hhr_dolfinx.errors import SceneError
-
         raise SceneError(
             f"DOLFINx does not take the cells that gmsh made ({error}): mesh all bodies with one kind of cells, and "
             "those of second order with nodes in their middles too, Mesh.SecondOrderIncomplete = 0"
         ) from error
-    groups: Groups = []
-    if comm.rank == 0:
-        named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()]
-        groups = [(name, group) for name, group in named if name]
+    named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()] if comm.rank == 0 else []
+    groups: Groups = [(name, group) for name, group in named if name]
     return NamedMesh(mesh, cell_tags, facet_tags, comm.bcast(groups))
 
 
@@ -273,9 +257,7 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 def shape_functions(cell: str, points: np.ndarray, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Lagrange functions of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
-
-    element = _lagrange(cell, degree)
-    table = element.tabulate(1, points)[..., 0]
+    table = _lagrange(cell, degree).tabulate(1, points)[..., 0]
     return table[0], table[1:].transpose(1, 2, 0).copy()
 
 
@@ -307,8 +289,7 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
     folder of the user among temporary files; ``NUMBA_CACHE_DIR`` sets another one.
 
     Args:
-        inner: only compiled functions call the function. It then has no Python wrapper, which takes a second or two to
-            compile if arguments have dozens of arrays.
+        inner: only compiled functions call it. It has no Python wrapper, which may take seconds to compile.
         dear: description of a function that takes long to compile, which the log reports.
         options: options of numba.
     """
@@ -333,11 +314,7 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
 
 @contextmanager
 def _private_cache() -> Iterator[None]:
-    """Cache compiled functions in a folder that only the user can write to, since its contents are executed.
-
-    Raises:
-        RuntimeError: without such a folder.
-    """
+    """Cache compiled functions in a folder of the user alone, as its contents are executed; else a RuntimeError."""
     from numba.core import config
 
     if not hasattr(os, "getuid"):

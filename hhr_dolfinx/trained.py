@@ -23,11 +23,7 @@ MARGIN = 0.05
 
 
 def check_outside(outside: object) -> None:
-    """Check the word ``outside`` before it is needed.
-
-    Raises:
-        ParameterError: if ``outside`` is not one of :data:`OUTSIDE`.
-    """
+    """Raise ParameterError if ``outside`` is not one of :data:`OUTSIDE`, before it is needed."""
     if outside not in OUTSIDE:
         raise ParameterError(f"outside = {outside!r} is unknown, one of {', '.join(OUTSIDE)}")
 
@@ -81,14 +77,13 @@ class TrainedRange:
 
     def complaint(self, point: np.ndarray) -> str:
         """Report of the values of a point, (P,), outside the range; empty if all are inside."""
-        if ((self.lower <= point) & (point <= self.upper)).all():
+        if ((self.lower <= point) & (point <= self.upper)).all():  # nearly always, and quick
             return ""
-        outside = [
+        return ", ".join(
             f"{name} = {value:g} (trained {low:g} to {high:g})"
             for name, value, low, high in zip(self.names, point, self.lower, self.upper, strict=True)
             if not low <= value <= high
-        ]
-        return ", ".join(outside)
+        )
 
     def check(self, point: np.ndarray, outside: str) -> None:
         """Check a point against the range; see :func:`announce`."""

@@ -15,6 +15,8 @@ cells and more nodes, and answers to round-off in the same time.
     python benchmarks/thesis/hertz_half_discs.py [--out DIR] [--quick] [--seed N]
 """
 
+import sys
+from pathlib import Path
 from typing import Any
 
 import hhr_dolfinx as hhr
@@ -49,7 +51,8 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
-    from hhr_dolfinx.plugins.studies import cli
+    sys.path.append(str(Path(__file__).parents[2] / "demos"))
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("hertz_half_discs", __doc__))
     built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)

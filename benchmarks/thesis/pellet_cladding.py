@@ -14,6 +14,7 @@ a RID with two more layers of cells and FE functions on the contact nodes bring 
     mpirun -n 2 python benchmarks/thesis/pellet_cladding.py --batch points.csv    # header: P1,h1
 """
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,8 @@ def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train, then study or answer a table of parameters."""
-    from hhr_dolfinx.plugins.studies import cli
+    sys.path.append(str(Path(__file__).parents[2] / "demos"))
+    from parts import cli
 
     parser = cli.demo_parser("pellet_cladding", __doc__)
     parser.add_argument("--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks")

@@ -13,7 +13,9 @@ with layers of cells it answers. The default recipe is as good as on matching me
 """
 
 import dataclasses
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pellet_cladding as matching
@@ -63,7 +65,9 @@ def errors_at_point(study: "Study") -> dict[str, float]:
 
 def main() -> None:
     """Train, study, report."""
-    from hhr_dolfinx.plugins.studies import cli, report
+    sys.path.append(str(Path(__file__).parents[2] / "demos"))
+    from parts import cli
+    from thesis_output import print_beside
 
     parser = cli.demo_parser("pellet_cladding_nonmatching", __doc__)
     parser.add_argument("--pairing", choices=PAIRINGS, default="node_to_surface")
@@ -78,7 +82,7 @@ def main() -> None:
         here = errors_at_point(study)
         study.report["point"] = {"P1, h1": POINT, "thesis": THESIS, "here": here}
         study.write(options.out, options.console, VIEW)
-        report.print_beside("errors", {"190 MPa, 5.2 mm": here}, {"190 MPa, 5.2 mm": THESIS}, options.console)
+        print_beside("errors", {"190 MPa, 5.2 mm": here}, {"190 MPa, 5.2 mm": THESIS}, options.console)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ held, unloaded and loaded again, and compares on 20 others. Their steps are cut 
 time; the report says how far the steps of the full order are from shorter ones.
 """
 
+import pathlib
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -84,7 +86,8 @@ def recipe(tolerance: float = 3e-10, layers: int = 3) -> hhr.Recipe:
 
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
-    from hhr_dolfinx.plugins.studies import cli
+    sys.path.append(str(pathlib.Path(__file__).parents[2] / "demos"))
+    from parts import cli
 
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")

@@ -12,9 +12,9 @@ from pellet_cladding_tables import POINTS, thesis
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.plugins.studies.measure import References
+from hhr_dolfinx.plugins.studies.queries import time_queries
 from hhr_dolfinx.plugins.studies.study import Study
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.timing import time_queries
 
 THESIS_SIZE = thesis(3e-7, 1e-3, 3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""
@@ -61,7 +61,7 @@ def thesis_size(study: Study) -> dict[str, float]:
 
 def draw_maps(study: Study, folder: Path, quick: bool) -> None:
     """Errors of three recipes over both parameters, thesis figure 3.9."""
-    from hhr_dolfinx.plugins.studies import plots
+    from thesis_output import plot_maps
 
     training = study.training
     points = training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30])
@@ -72,4 +72,4 @@ def draw_maps(study: Study, folder: Path, quick: bool) -> None:
     maps = {name: references.errors(model).values for name, model in models.items()}
     for error in ("dual_rid_floored", "dual_full_floored"):
         shown = {name: values[error] for name, values in maps.items()}
-        plots.plot_maps(references.solutions.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")
+        plot_maps(references.solutions.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")

@@ -10,9 +10,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.command.console import Console
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies.measure import References
+from hhr_dolfinx.plugins.studies.queries import time_queries
 from hhr_dolfinx.plugins.studies.report import write_report
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.timing import time_queries
 
 POINTS = np.array([[170.0, 3.2], [30.0, 5.25]])
 """The two points of table 3.1."""

@@ -14,6 +14,8 @@ fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes clo
 """
 
 import dataclasses
+import sys
+from pathlib import Path
 from typing import Any
 
 import pellet_cladding as base
@@ -43,7 +45,8 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train on Sobol points, measure, report."""
-    from hhr_dolfinx.plugins.studies import cli
+    sys.path.append(str(Path(__file__).parents[2] / "demos"))
+    from parts import cli
 
     options = cli.parse(cli.demo_parser("pellet_materials", __doc__))
     mesh, count = (base.QUICK_MESH, 128) if options.quick else ({}, 512)

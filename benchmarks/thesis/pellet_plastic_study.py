@@ -6,12 +6,12 @@ import numpy as np
 from paths import summarise_paths, try_path
 from pellet_cladding_plastic import history, path, recipe
 from pellet_families import families
+from thesis_output import print_beside
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.command.console import Table
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
-from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.study import Study
 
 OF_FAMILIES = ("largest_displacement", "primal_l2", "resultant", "dual_full_floored", "largest_forces")
@@ -85,4 +85,4 @@ def print_gaps(study: Study, options: argparse.Namespace) -> None:
     rows = {f"{row['value']:g} um": {name: row[name] for name in study.measured.own.errors.values}
             for row in study.report["histories"]}  # fmt: skip
     theirs = {label: dict(zip(NAMES, row, strict=True)) for label, row in THESIS.items()}
-    report.print_beside("errors at the last step", rows, theirs, options.console)
+    print_beside("errors at the last step", rows, theirs, options.console)

@@ -180,6 +180,7 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
 def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any) -> None:
     """Write ``report.json`` and print its tables."""
     from hhr_dolfinx.plugins.studies import report
+    from parts import cli
 
     report.write_report({"scene": "indentation", "seed": options.seed, **report.environment(),
                          "calibration": calibration, "tabor": rows,
@@ -187,10 +188,10 @@ def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict
                          "imprints": imprints}, options.out)  # fmt: skip
     for name, table in scaling.items():
         shown = [{key: value for key, value in row.items() if key != "offline"} for row in table]
-        report.print_rows(name, shown, options.console)
-        report.print_rows(f"seconds offline, {name}", [row["offline"] for row in table], options.console)
-    report.print_rows("from curves with noise", [{"constant": name, **calibration[name]} for name in ("sy", "H")],
+        cli.print_rows(name, shown, options.console)
+        cli.print_rows(f"seconds offline, {name}", [row["offline"] for row in table], options.console)
+    cli.print_rows("from curves with noise", [{"constant": name, **calibration[name]} for name in ("sy", "H")],
                       options.console)  # fmt: skip
     options.console.print(f"{calibration['samples']} histories and the fit took {calibration['seconds']:.0f} s")
-    report.print_rows("beside Tabor", rows, options.console)
-    report.print_rows("after unloading", imprints, options.console)
+    cli.print_rows("beside Tabor", rows, options.console)
+    cli.print_rows("after unloading", imprints, options.console)

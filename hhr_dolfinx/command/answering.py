@@ -27,12 +27,7 @@ def largest_values(
 ) -> dict[str, float]:
     """The largest displacement, the sum of the forces of each contact, and the number of active contacts.
 
-    Args:
-        answer: of any model.
-        dimension: of the mesh.
-        scene: the scene if it is known, else None: a model in a file has no units.
-        pairs: contact pair of each of the forces, (c,); None if they are unknown: the sum is then that of all.
-        forces: of pressures, (c,).
+    Scene and pairs, (c,), of the forces of pressures, (c,), are None for a model in a file, which has no units.
     """
     length = force = ""
     if scene is not None and scene.units is not None:
@@ -52,7 +47,6 @@ def largest_values(
 
 
 def _with_unit(name: str, unit: str) -> str:
-    """A name with its unit."""
     return f"{name} [{unit}]" if unit else name
 
 
@@ -70,25 +64,29 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     """
     from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
 
-    if out is not None and is_model(what):
+    in_file = is_model(what)
+    if out is not None and in_file:
         raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
     checked_target(out, FIELDS)
     if out is not None:
         write: registry.FieldsFile = registry.tool("fields", "--out, a file of fields,")
     model: Any
-    if is_model(what):
+    scene = pairs = None
+    if in_file:
         model = model_of(what, known)
     else:
         from hhr_dolfinx.full_order.full import FullOrderModel
 
         model = FullOrderModel(scene_of(what))
+        scene = model.scene
+        pairs = model.problem.contact_pairs[model.problem.pressing]
     point = point_of(words, model.parameters)
     step = {}
     if model.equilibrium is not None:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
         raise click.UsageError("all bodies are elastic: leave out --duration")
-    if is_model(what):
+    if in_file:
         answer = model.solve(point, **step)
     else:
         from hhr_dolfinx.certify.strains import check_small_strains
@@ -98,14 +96,11 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
             answer = model.solve(point, **step)
         check_small_strains(model, SnapshotSet.of_answers([answer]))
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
-    scene = None if is_model(what) else model.scene
-    pairs = None if is_model(what) else model.problem.contact_pairs[model.problem.pressing]
     rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
-    outputs = answer.outputs() if model.fields.functionals is not None else None
-    if outputs is not None:
-        heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
-        rows |= {heads[name]: value for name, value in outputs.values.items()}
-    estimate = answer.estimate() if is_model(what) else None
+    if model.fields.functionals is not None:
+        outputs = answer.outputs()
+        rows |= {_with_unit(name, outputs.units[name]): value for name, value in outputs.values.items()}
+    estimate = answer.estimate() if in_file else None
     if estimate is not None:
         rows |= estimate.shown()
     unique = model.uniqueness(point) if model.law.remembers and not step else ""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sized
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.timing import Announce, ShareLines
 
 with extra("study", "the console"):
     from rich.console import Console
     from rich.progress import track
     from rich.table import Column, Table
 
-__all__ = ["Column", "Console", "Table", "make_console", "progress_on", "shares_on"]
+__all__ = ["Column", "Console", "Table", "make_console", "progress_on"]
 
 _NO_LIMIT = 10_000
 _ANY_HEIGHT = 25
@@ -38,11 +37,6 @@ def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterat
     """
     shown = _bar if _is_watched(console) else _line
     return lambda label: lambda items: shown(label, items, console)
-
-
-def shares_on(console: Console) -> Announce:
-    """Print each stage of a run that takes longer than half a second, and the share of it that is done."""
-    return ShareLines(lambda line: console.print(line, highlight=False), quiet=0.5)
 
 
 def _bar(label: str, items: Iterable, console: Console) -> Iterator:

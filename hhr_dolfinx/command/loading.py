@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def scene_of(name: str) -> Scene:
-    """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
-
-    Raises:
-        SceneError: for invalid input.
-    """
+    """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one."""
     from hhr_dolfinx.scene import Scene
 
     found = find("scenes", name)
@@ -51,15 +47,9 @@ def beside(name: str, attribute: str) -> Any:
 
 
 def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
-    """A point from ``name=value`` words, one or several in each, separated by commas.
+    """A point from ``name=value`` words, one or several in each, separated by commas; ParameterError for wrong ones.
 
-    Args:
-        words: command-line words.
-        space: the parameter range.
-        others: values of the parameters that are not named, (P,); None if all must be.
-
-    Raises:
-        ParameterError: for a word without a number, or a name that is unknown or repeated.
+    ``others`` are values of the parameters that are not named, (P,); None if all must be.
     """
     found: dict[str, float] = {}
     for word in (part.strip() for given in words for part in given.split(",") if part.strip()):
@@ -81,11 +71,8 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
     if others is not None:
         found |= {name: float(value) for name, value in zip(space.names, others, strict=True) if name in missing}
     elif missing:
-        bounds = ", ".join(
-            f"{name} in [{low:g}, {high:g}]"
-            for name, low, high in zip(space.names, space.lower, space.upper, strict=True)
-            if name in missing
-        )
+        ends = zip(space.names, space.lower, space.upper, strict=True)
+        bounds = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, low, high in ends if name in missing)
         raise ParameterError(f"no value is given for {bounds}: add --at {missing[0]}=...")
     return found
 
@@ -96,12 +83,7 @@ def is_model(name: str) -> bool:
 
 
 def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
-    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry point.
-
-    Raises:
-        SceneError: for an unknown name, or one that is not a class.
-        ModelFileError: see :func:`hhr_dolfinx.online.model_file.load_model`.
-    """
+    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry point."""
     from hhr_dolfinx.online.model_file import load_model
 
     classes = [find("laws", name) for name in known]
@@ -112,11 +94,7 @@ def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
-    """Refuse, before anything is computed, a file that could not be written afterwards; None is valid.
-
-    Raises:
-        FileError: for another ending, a folder of this name, or a folder without write access.
-    """
+    """Refuse with a FileError, before anything is computed, a file that could not be written afterwards."""
     if path is None:
         return
     if path.suffix not in endings:
@@ -129,17 +107,3 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
 
 class _Enough(Exception):
     """Signal that the file can be written."""
-
-
-@contextmanager
-def naming_condensed(model: Path) -> Iterator[None]:
-    """If a model is refused, name the condensed one next to it."""
-    from hhr_dolfinx.errors import NotOfferedError
-
-    other = model.with_name("condensed.npz")
-    try:
-        yield
-    except NotOfferedError as error:
-        if model.name == other.name or not other.exists():
-            raise
-        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error

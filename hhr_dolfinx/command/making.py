@@ -106,7 +106,6 @@ def train(
 
 
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
-    """Solve one part of a training, and print the present state."""
     from hhr_dolfinx.study.training.parts import train_part
 
     found = train_part(scene, training, *part, folder, **how)
@@ -119,7 +118,6 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
 
 
 def _described(model: Any) -> str:
-    """Description of the size of a model."""
     if hasattr(model, "models"):
         sizes = [len(one.problem.stiffness) for one in model.models]
         return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
@@ -130,11 +128,7 @@ def _described(model: Any) -> str:
 
 
 def settings_of(scene: str) -> StudySettings | None:
-    """The ``SETTINGS`` in the file of a scene, or None.
-
-    Raises:
-        SceneError: for invalid input.
-    """
+    """The ``SETTINGS`` in the file of a scene, or None."""
     from hhr_dolfinx.command.loading import beside
     from hhr_dolfinx.errors import SceneError
     from hhr_dolfinx.study.settings import StudySettings

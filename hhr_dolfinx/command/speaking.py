@@ -23,13 +23,9 @@ Command = Callable[..., Any]
 
 
 def guarded(command: Command, kept: str = "") -> Command:
-    """A command whose errors are sentences and exit codes, and which prints a message when it is interrupted.
+    """A command whose errors are sentences and exit codes; ``kept`` is added to the message if it is interrupted.
 
     A fault of this package, which has no such sentence, keeps its traceback.
-
-    Args:
-        command: a function with the options of click.
-        kept: what the message adds on results that are kept.
     """
 
     @wraps(command)
@@ -82,7 +78,6 @@ def _once() -> Callable[..., None]:
 
 
 def _say(text: str) -> None:
-    """Print on the error stream, by the first rank."""
     if first_rank():
         click.echo(text, err=True)
 

@@ -43,18 +43,3 @@ class Part(click.ParamType):
 
 
 PART = click.option("--part", type=Part(), help="one part of it alone, as 3/8: a job of an array")
-
-
-class Share(click.ParamType):
-    """``1%`` or ``0.01``."""
-
-    name = "share"
-
-    def convert(self, value: object, param: object, ctx: object) -> float:
-        """The number."""
-        text = str(value).strip()
-        try:
-            number = float(text.removesuffix("%"))
-        except ValueError:
-            self.fail(f"{value!r} is no error: write 1% or 0.01", param, ctx)
-        return number / 100 if text.endswith("%") else number

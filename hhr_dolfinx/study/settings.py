@@ -72,10 +72,9 @@ class StudySettings:
 
     def adapted(self, *, seed: int, quick: bool) -> StudySettings:
         """These settings with another seed, and few points if ``quick``."""
-        few: dict[str, Any] = {"queries": 15} if quick else {}
-        if quick and not isinstance(self.tests, Mapping):
-            few["tests"] = 20
-        return replace(self, seed=seed, **few)
+        if not quick:
+            return replace(self, seed=seed)
+        return replace(self, seed=seed, queries=15, tests=self.tests if isinstance(self.tests, Mapping) else 20)
 
 
 def _labelled(paths: Sequence[Any]) -> dict[str, Any]:

@@ -1,15 +1,11 @@
-"""Settings of the pictures of a scene, as data; ``plots`` draws them, and is imported on demand."""
+"""Settings of the pictures of a scene, as data, which its file may hold: ``VIEW``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.units import Units
 
 
 @dataclass(frozen=True)
@@ -37,17 +33,3 @@ class View:
     pair: int | None = None
     closed_form: Callable[[np.ndarray, float], np.ndarray] | None = None
     deformed: bool = False
-
-    def along(self, places: np.ndarray, pair: int, units: Units | None) -> tuple[np.ndarray, str]:
-        """Positions of the conditions of one contact along its surface, (m,), and their label."""
-        unit = "" if units is None else f" [{units.length}]"
-        meant = pair == (self.pair or 0)
-        if meant and self.position is not None:
-            return self.position(places), self.label or f"position along the surface{unit}"
-        axis = int(np.ptp(places, axis=0).argmax())
-        named = f"{'xyz'[axis]}{unit}"
-        return places[:, axis], (self.label or named) if meant else named
-
-    def of(self, units: Units | None) -> View:
-        """The view with the unit of stress of a scene, if it has none."""
-        return self if self.stress is not None else replace(self, stress="Pa" if units is None else units.stress)

@@ -111,7 +111,7 @@ def test_test_points_that_are_none(tmp_path, points):
     ],
 )
 def test_options_of_demos(tmp_path, capsys, arguments, message):
-    from hhr_dolfinx.plugins.studies.cli import demo_parser
+    from parts.cli import demo_parser
 
     (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit):

@@ -96,7 +96,7 @@ def test_what_is_printed_to_a_file(quick):
 
 
 def test_pictures_fields_and_model(quick):
-    for name in ("fields.png", "pressures.png", "errors.png", "work_precision.png", "fields.vtu", "study.npz"):
+    for name in ("fields.png", "pressures.png", "errors.png", "fields.vtu", "study.npz"):
         assert (quick / name).stat().st_size > 5000, name
 
 

@@ -364,7 +364,7 @@ def test_a_file_that_is_no_table(content, small, tmp_path):
 
 @needs("studies", "tables")
 def test_a_batch_with_bad_rows_ends_with_1(table, small_reduction, tmp_path):
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     options = SimpleNamespace(out=tmp_path, console=Console(quiet=True), progress=lambda label: iter)
     rows = hhr.read_points(table, small_reduction.parameters)
@@ -480,7 +480,9 @@ def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
 @needs("studies", "tables")
 def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     """To rich ``[bold]`` is a colour, and ``[/x]`` the end of one that never began."""
-    from hhr_dolfinx.plugins.studies.report import print_report, print_rows
+    from parts.cli import print_rows
+
+    from hhr_dolfinx.plugins.studies.report import print_report
 
     folder = tmp_path / "run [bold] a[" / "x]"
     hhr.answer_table(small_reduction, [], folder / "answers.csv", make_console())

@@ -17,14 +17,15 @@ from hhr_dolfinx.solver_first import COPY, install_for_all
 ROOT = Path(__file__).parents[2]
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
-from hhr_dolfinx.plugins.studies import cli
-from hhr_dolfinx.plugins.studies import report
+import sys
+sys.path.append({str(ROOT / "demos")!r})
+from parts import cli
 options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
 for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]
 assert list(options.progress("lazy")(iter("ab"))) == ["a", "b"]
 options.console.print({LONG!r})
-report.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
+cli.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
 """
 
 
@@ -92,7 +93,7 @@ def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
 @needs("studies")
 def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
     """The system's refusal is played, for nothing is refused to root; whose the folder is, is true."""
-    from hhr_dolfinx.plugins.studies import cli
+    from parts import cli
 
     def refuse(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
@@ -114,7 +115,8 @@ def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
     """The first rank alone tries the folder; the other must not wait, nor go on, nor repeat what was said."""
     program = (
         "import contextlib, sys\n"
-        "from hhr_dolfinx.plugins.studies import cli\n"
+        f"sys.path.append({str(ROOT / 'demos')!r})\n"
+        "from parts import cli\n"
         "with contextlib.redirect_stderr(sys.stdout):\n"
         "    for out in ('good', 'file'):\n"
         "        sys.argv[1:] = ['--out', out]\n"

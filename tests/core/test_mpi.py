@@ -450,7 +450,8 @@ def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
 def test_a_serial_demo_ends_on_other_ranks():
     """Past the options only the first rank is left, and the others end without an error."""
     program = (
-        "from hhr_dolfinx.plugins.studies import cli\n"
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
+        "from parts import cli\n"
         "from mpi4py import MPI\n"
         "options = cli.parse_on_first_rank(cli.demo_parser('serial', 'A serial demo.'))\n"
         "print('rank', MPI.COMM_WORLD.rank, flush=True)\n"

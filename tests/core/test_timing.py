@@ -4,14 +4,12 @@ import logging
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from bare import WAIT
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, StudyError
-from hhr_dolfinx.timing import WARM_UP, StageLog, time_queries
+from hhr_dolfinx.timing import StageLog
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +54,3 @@ def test_a_stage_that_fails_is_timed_and_its_seconds_add_up():
         with pytest.raises(ValueError, match="no"), log.stage("rid"):
             raise ValueError("no")
     assert log.times.keys() == {"rid"} and log.times["rid"] > 0
-
-
-def test_queries_are_timed_behind_a_warm_up():
-    asked = []
-
-    def solve(point):
-        asked.append(point)
-        raise NotSolvableError("counts with its time")
-
-    times = time_queries({"model": solve}, np.arange(WARM_UP + 3.0)[:, None])
-    assert times["model"].shape == (3,) and len(asked) == WARM_UP + 3
-    with pytest.raises(StudyError, match=f"5 points cannot be timed: {WARM_UP} are a warm-up"):
-        time_queries({"model": solve}, np.zeros((WARM_UP, 1)))

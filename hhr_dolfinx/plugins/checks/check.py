@@ -17,12 +17,11 @@ from hhr_dolfinx.full_order.free_bodies import described, free_bodies
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
+from hhr_dolfinx.plugins.checks.findings import MISTAKE, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.parameters import PointLike
 
@@ -67,13 +66,14 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         _size(found, problem)
         _gaps(found, problem, middle)
         _supports(found, problem)
-        _loads(found, middle)
+        for load in scene.loads:
+            with found.heard():
+                _load(found, load, middle)
         _outputs(found, problem, laws)
     return found
 
 
 def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWithLaws | None]:
-    """The problem, with its stiffness assembled, and bodies with laws."""
     laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
     terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
@@ -83,24 +83,21 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWith
 
 
 def _size(found: SceneCheck, problem: ContactProblem) -> None:
-    """Report the size of the problem, and in space the expected cost of a full model."""
     dofs = problem.free.size
     conditions = len(problem.gaps)
     size = f"{dofs} dofs and {conditions} conditions of contact"
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
-        found.say(OK, size)
+        found.say(size)
         return
     memory, seconds, keeps = expected_in_space(problem.contact)
     kept = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
-    found.say(OK, f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
+    found.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 
 
 def _names(found: SceneCheck) -> None:
-    """Report surfaces of the mesh that the scene does not name."""
     scene = found.scene
-    discretisation = found.discretisation
-    assert discretisation is not None  # checked by check_scene
+    discretisation = found.meshed
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
     used |= {getattr(load, "tag", None) for load in scene.loads}
     facets = discretisation.names.facets
@@ -108,12 +105,12 @@ def _names(found: SceneCheck) -> None:
     named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
     idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
     if idle:
-        found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
+        found.note(f"the mesh has surfaces that nothing names: {', '.join(idle)}")
     left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
     if left_out:
         more = f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
         said = "; ".join(left_out[:MOST_LEFT_OUT])
-        found.say(NOTE, f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
+        found.note(f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
 
 
 def _pairs(found: SceneCheck) -> None:
@@ -126,11 +123,6 @@ def _pairs(found: SceneCheck) -> None:
             surfaces = [discretisation.surface(tag) for tag in item.tags]
             rows = item.rows(surfaces, discretisation.size)
         found.pairs.append((surfaces, rows))
-
-
-def _law_of(law: PairLaw | None) -> str:
-    """Text on a law of a contact, after that on the contact."""
-    return "" if law is None else f", {law.words}"
 
 
 def _left_out(surface: Surface, rows: ContactRows | None) -> str:
@@ -150,42 +142,36 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         rows = problem.pressing_of(place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
-            found.say(
-                NOTE,
+            found.note(
                 f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
-                "nothing. Leave it out, or hold other surfaces",
+                "nothing. Leave it out, or hold other surfaces"
             )
             continue
         sag = max(sag_of(surface) for surface in surfaces)
         own = still[rows]
         closed = ""
+        law = found.scene.laws[place]
+        by_law = "" if law is None else f", {law.words}"
         if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
             low = gaps[rows].min()
             high = gaps[rows].max()
             closed = (
                 f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at "
-                f"{_said(found.scene, point)}"
+                f"{found.scene.parameters.described(point)}"
             )
         found.say(
-            OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{_law_of(found.scene.laws[place])}"
-            f"{_left_out(surfaces[0], made)}",
+            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}"
+            f"{_left_out(surfaces[0], made)}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]
         small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
         if small:
-            found.say(
-                NOTE,
+            found.note(
                 f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
-                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
+                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces"
             )
-
-
-def _said(scene: Scene, point: np.ndarray) -> str:
-    """A point in words: names and values of the parameters."""
-    return ", ".join(f"{name} = {value:g}" for name, value in zip(scene.parameters.names, point, strict=True))
 
 
 def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
@@ -211,10 +197,9 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
             depth = deep - opened
             why = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
     if depth > OVERLAP * max(sag, 1e-12):
-        found.say(
-            NOTE,
+        found.note(
             f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "
-            "them apart in the mesh, or by an Opening; leave it where a press fit is meant",
+            "them apart in the mesh, or by an Opening; leave it where a press fit is meant"
         )
 
 
@@ -233,52 +218,40 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    """Report the supports of each body."""
-    discretisation = found.discretisation
-    scene = found.scene
-    assert discretisation is not None
-    free = free_bodies(scene, problem.points, problem.cell_nodes, discretisation.cell_bodies(), problem.free)
+    owner = found.meshed.cell_bodies()
+    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, problem.free)
     for body in free:
-        found.say(
-            NOTE,
+        found.note(
             f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
-            "meant, hold it by a Displacement",
+            "meant, hold it by a Displacement"
         )
     if not free:
-        found.say(OK, "displacements hold every body")
-
-
-def _loads(found: SceneCheck, point: np.ndarray) -> None:
-    """Report the resultant of each load for the amplitude 1, and loads without effect."""
-    for load in found.scene.loads:
-        with found.heard():
-            _load(found, load, point)
+        found.say("displacements hold every body")
 
 
 def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
+    """Report the resultant of a load for the amplitude 1, or a load without effect."""
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
     terms = load.terms(discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    columns = [
-        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
-    ]
+    every = [term.columns for term in terms]
+    columns = [csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in every]
     if not any(part.count_nonzero() for part in columns):
-        found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
+        found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
         return
     found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
-    if all(_vanishes(term.amplitude) for term in terms):
-        found.say(
-            NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
-        )
+    amplitudes = [term.amplitude for term in terms]
+    if all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
+        found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
     if all(part.shape[1] == 1 for part in columns):
         total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
         # balanced forces leave round-off
         total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
-        found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
+        found.say(f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
     else:
-        found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+        found.say(f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
 
 
 def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
@@ -289,20 +262,13 @@ def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
     return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
-def _vanishes(amplitude: object) -> bool:
-    """True if an amplitude is zero for all parameters."""
-    return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
-
-
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:
-    """Report outputs of missing parts."""
-    assert found.discretisation is not None
     from hhr_dolfinx.full_order.outputs import probe_of
 
     read = []
     for output in found.scene.outputs:
         with found.heard():
-            output.prepared(probe_of(output, found.discretisation, problem, laws, problem))
+            output.prepared(probe_of(output, found.meshed, problem, laws, problem))
             read.append(repr(output.name))
     if read:
-        found.say(OK, f"outputs: {', '.join(read)}")
+        found.say(f"outputs: {', '.join(read)}")

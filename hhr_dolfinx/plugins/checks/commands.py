@@ -13,25 +13,7 @@ with extra("study", "the command hhr"):
     import click
 
 PICTURES = (".png", ".pdf", ".svg")
-MESHES = frozenset(
-    (
-        ".msh",
-        ".inp",
-        ".e",
-        ".ex2",
-        ".exo",
-        ".xdmf",
-        ".vtk",
-        ".vtu",
-        ".med",
-        ".unv",
-        ".bdf",
-        ".nas",
-        ".cgns",
-        ".su2",
-        ".mesh",
-    )
-)
+MESHES = frozenset(".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .cgns .su2 .mesh".split())
 """Endings of mesh files, which are never scenes."""
 MOST_NAMES = 1000
 """Bodies, surfaces and sets of a mesh file that are listed."""
@@ -72,8 +54,10 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
         look_at_mesh_error(found, point)
     for finding in found.findings:
         console.print(f"{finding.level:8} {finding.text}", highlight=False)
-    if found.drawable:
-        found.draw(picture)
+    if found.discretisation is not None:
+        from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
+
+        figure_of_scene(found).savefig(picture, dpi=150)
         console.print(f"picture: {picture}")
     sys.exit(NO_ANSWER if found.mistakes else 0)
 
@@ -85,11 +69,7 @@ def _is_mesh(name: str) -> bool:
 
 
 def _contents_of(name: str) -> str:
-    """Contents of a mesh file, and how a scene refers to it.
-
-    Raises:
-        FileContentError: for a file that is not a mesh.
-    """
+    """Contents of a mesh file, and how a scene refers to it."""
     from hhr_dolfinx.geometries.mesh_file import MeshFile
     from hhr_dolfinx.geometries.summary import summary_of
 

@@ -21,13 +21,7 @@ SECONDS = 60
 
 @dataclass(frozen=True)
 class Found:
-    """A library or a program.
-
-    Attributes:
-        name: name of the library or program.
-        version: version, empty if it is missing.
-        lacks: missing features and their consequences, empty if it is complete.
-    """
+    """A library or a program: its version, empty if it is missing, and missing features with their consequences."""
 
     name: str
     version: str

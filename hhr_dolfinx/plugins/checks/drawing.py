@@ -1,30 +1,48 @@
-"""Figures of scenes and of answers, for ``scene.plot()`` and ``answer.plot()``; imported on demand."""
+"""Figures of scenes before they are solved, and of answers, for ``scene.plot()`` and ``answer.plot()``.
+
+Imported on demand.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.geometries.cells import CORNERS
+from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.shown import point_of
 from hhr_dolfinx.plugins.checks.check import check_scene
-from hhr_dolfinx.plugins.checks.picture import AROUND, figure_of_scene
+from hhr_dolfinx.plugins.checks.findings import SceneCheck
+from hhr_dolfinx.plugins.checks.mesh import MeshLook
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+with extra("pictures", "pictures of scenes and answers"):
+    import matplotlib
 
-with extra("pictures", "a figure"):
-    from matplotlib.collections import PolyCollection
+    matplotlib.use("Agg")
+
+    from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+"""Corners of a face in circular order, for triangles and tensor-ordered quadrilaterals."""
+ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
+"""Colours of loads, in turn."""
+LENGTH = 0.07
+FAINT = 0.02
+MOST = 20
+"""Length of arrows over the mesh size, part of the largest force below which none is drawn, most arrows of a load."""
+HELD = "^sDvp*h"
+"""Marks of surfaces with imposed displacements, in turn."""
 SHIFT = 0.1
 """Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
 
@@ -36,44 +54,112 @@ def figure_of(value: Scene | Answer, path: str | Path | None, full: FullOrderMod
         SceneError: for a scene whose mesh cannot be generated.
     """
     if isinstance(value, Scene):
-        figure = _of_scene(value)
+        found = check_scene(value)
+        if found.discretisation is None:
+            raise SceneError(f"scene '{value.name}' cannot be drawn: `hhr check` says why")
+        figure = figure_of_scene(found)
     else:
         assert full is not None
-        figure = _of_answer(value, full)
+        figure = _figure_of_answer(value, full)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure
 
 
-def _of_scene(scene: Scene) -> Figure:
-    found = check_scene(scene)
-    if found.discretisation is None:
-        raise SceneError(f"scene '{scene.name}' cannot be drawn: `hhr check` says why")
-    return figure_of_scene(found)
+def _unit(scene: Scene, of: str) -> str:
+    return "" if scene.units is None else f" [{getattr(scene.units, of)}]"
 
 
-def _of_answer(answer: Answer, full: FullOrderModel) -> Figure:
+def figure_of_scene(found: SceneCheck) -> Figure:
+    """Bodies, contact surfaces, supports and loads of a scene by name."""
+    look = MeshLook.of(found)
+    kind = found.meshed.mesh.topology.cell_name()
+    bodies = found.scene.bodies
+    flat = look.points.shape[1] == 2
+    figure = Figure(figsize=(9, 6.5), layout="constrained")
+    axes: Axes = figure.subplots() if flat else figure.add_subplot(projection="3d")
+    for place, body in enumerate(bodies):
+        cells = look.cells[look.owner == place, : look.corners]
+        style = {"facecolor": f"C{place}", "edgecolor": "white", "label": f"body {body.tag}"}
+        if flat:
+            corners = look.points[cells[:, AROUND[look.corners]]]
+            axes.add_collection(PolyCollection(corners, linewidth=0.2, alpha=0.5, **style))
+        else:
+            faces = look.points[outer_faces(kind, cells[:, TENSOR[kind]] if kind in TENSOR else cells)]
+            axes.add_collection3d(Poly3DCollection(faces, linewidth=0.1, alpha=0.25, **style))
+    for place, (surfaces, _) in enumerate(found.pairs):
+        colour = f"C{len(bodies) + place}"
+        label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
+        facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
+        if flat:
+            axes.add_collection(LineCollection(facets, colors=colour, linewidth=2.5, label=label))
+        else:
+            around = [facet[AROUND[len(facet)]] for facet in facets]
+            axes.add_collection3d(Poly3DCollection(around, facecolor=colour, alpha=0.9, label=label))
+    _draw_supports(found, axes, 5 if flat else 4)
+    _draw_loads(found, axes)
+    unit = _unit(found.scene, "length")
+    axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}", title=found.scene.name)
+    if flat:
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+    else:
+        low = look.points.min(axis=0)
+        high = look.points.max(axis=0)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), zlabel=f"z{unit}")
+        axes.set_box_aspect(high - low)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    return figure
+
+
+def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:
+    """Marks on nodes with imposed displacements, of surfaces or of sets that may lie inside."""
+    discretisation = found.meshed
+    points = discretisation._points()
+    items = found.scene.displacements
+    for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
+        which = ", ".join("xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3)
+        nodes = points[discretisation._tagged_dofs(tag, 0) // points.shape[1]]
+        look: dict[str, Any] = {"marker": HELD[place % len(HELD)], "color": "black", "fillstyle": "none"}
+        axes.plot(*nodes.T, linestyle="none", markersize=size, label=f"displacement {tag}: {which}", **look)
+
+
+def _draw_loads(found: SceneCheck, axes: Axes) -> None:
+    """Arrows along nodal forces at the checked parameter, each load in a separate colour."""
+    points = found.meshed._points()
+    length = LENGTH * float(np.ptp(points, axis=0).max())
+    for place, (name, forces) in enumerate(found.forces):
+        sizes = np.linalg.norm(forces, axis=1)
+        loaded = np.flatnonzero(sizes > FAINT * sizes.max(initial=0.0))
+        if not loaded.size:
+            continue
+        # ordered along the surface, so that the left-out ones are spread evenly
+        loaded = loaded[np.lexsort(points[loaded].T)]
+        shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST).round().astype(int))]
+        ways = length * forces[shown] / sizes[shown, None]
+        look: dict[str, Any] = {"color": ARROWS[place % len(ARROWS)], "label": f"load {place}: {name}"}
+        starts = points[shown] - ways
+        if points.shape[1] == 3:
+            axes.quiver(*starts.T, *ways.T, arrow_length_ratio=0.3, linewidth=1, **look)
+        else:
+            axes.quiver(*starts.T, *ways.T, angles="xy", scale_units="xy", scale=1, width=0.0035, zorder=5, **look)
+            # arrows outside the bodies count for the limits
+            axes.update_datalim(starts)
+
+
+def _figure_of_answer(answer: Answer, full: FullOrderModel) -> Figure:
     """Pressure on the contact surface, and in the plane the deformed bodies next to it."""
     flat = full.problem.points.shape[1] == 2
     figure = Figure(figsize=(11, 4.5) if flat else (7, 5.5), layout="constrained")
     figure.suptitle(f"{full.scene.name} at {point_of(answer.parameter, full.parameters.names)}")
     if flat:
+        names = ("r", "z") if full.scene.hypothesis == "axisymmetric" else ("x", "y")
         bodies, surface = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        _draw_bodies(figure, bodies, answer, full)
-        _draw_pressures(surface, answer, full)
+        _draw_bodies(figure, bodies, answer, full, names)
+        _draw_pressures(surface, answer, full, names)
     else:
         _draw_surface(figure, figure.add_subplot(projection="3d"), answer, full)
     return figure
-
-
-def _axes_of(full: FullOrderModel) -> tuple[str, str]:
-    """Names of the two axes of a section."""
-    return ("r", "z") if full.scene.hypothesis == "axisymmetric" else ("x", "y")
-
-
-def _unit(full: FullOrderModel, of: str) -> str:
-    units = full.scene.units
-    return "" if units is None else f" [{getattr(units, of)}]"
 
 
 def _pressures(answer: Answer, full: FullOrderModel, pair: int) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +170,7 @@ def _pressures(answer: Answer, full: FullOrderModel, pair: int) -> tuple[np.ndar
     return full.problem.contact_points[own][known], pressures[known]
 
 
-def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel) -> None:
+def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel, names: tuple[str, str]) -> None:
     """Curves of the pressure over the coordinate along which each contact extends most."""
     labels = set()
     for pair in range(len(full.scene.contacts)):
@@ -92,41 +178,33 @@ def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel) -> None:
         along = int(np.ptp(places, axis=0).argmax())
         order = np.argsort(places[:, along], kind="stable")
         axes.plot(places[order, along], pressures[order], ".-", label=f"contact {pair}")
-        labels.add(_axes_of(full)[along])
+        labels.add(names[along])
     axes.set(
-        xlabel=f"{' or '.join(sorted(labels))}{_unit(full, 'length')}",
-        ylabel=f"contact pressure{_unit(full, 'stress')}",
+        xlabel=f"{' or '.join(sorted(labels))}{_unit(full.scene, 'length')}",
+        ylabel=f"contact pressure{_unit(full.scene, 'stress')}",
     )
     axes.grid(alpha=0.25)
     axes.legend()
 
 
-def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
+def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel, names: tuple[str, str]) -> None:
     """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
     discretisation = full.discretisation
     displacement = answer.displacement().reshape(-1, 2)
+    lengths = np.linalg.norm(displacement, axis=1)
     points = discretisation._points()
-    factor = _magnified(
-        float(np.linalg.norm(displacement, axis=1).max(initial=0.0)), float(np.ptp(points, axis=0).max())
-    )
+    limit = SHIFT * float(np.ptp(points, axis=0).max())
+    largest = float(lengths.max(initial=0.0))
+    factor = max(1.0, 10.0 ** np.floor(np.log10(limit / largest))) if largest > 0 else 1.0
     cells = discretisation._cell_nodes()[:, : CORNERS[discretisation.mesh.topology.cell_name()]]
     corners = (points + factor * displacement)[cells][:, AROUND[cells.shape[1]]]
-    drawn = PolyCollection(corners, array=np.linalg.norm(displacement, axis=1)[cells].mean(axis=1), edgecolor="face")
+    drawn = PolyCollection(corners, array=lengths[cells].mean(axis=1), edgecolor="face")
     axes.add_collection(drawn)
-    figure.colorbar(drawn, ax=axes, label=f"displacement{_unit(full, 'length')}")
-    first, second = _axes_of(full)
-    axes.set(
-        xlabel=f"{first}{_unit(full, 'length')}",
-        ylabel=f"{second}{_unit(full, 'length')}",
-        aspect="equal",
-        title="" if factor == 1 else f"displacements {factor:g} times as large",
-    )
+    unit = _unit(full.scene, "length")
+    figure.colorbar(drawn, ax=axes, label=f"displacement{unit}")
+    title = "" if factor == 1 else f"displacements {factor:g} times as large"
+    axes.set(xlabel=f"{names[0]}{unit}", ylabel=f"{names[1]}{unit}", aspect="equal", title=title)
     axes.autoscale_view()
-
-
-def _magnified(largest: float, extent: float) -> float:
-    """Factor of the drawn displacements: a power of ten, at least one."""
-    return max(1.0, 10.0 ** np.floor(np.log10(SHIFT * extent / largest))) if largest > 0 else 1.0
 
 
 def _draw_surface(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
@@ -134,6 +212,6 @@ def _draw_surface(figure: Figure, axes: Axes, answer: Answer, full: FullOrderMod
     found = [_pressures(answer, full, pair) for pair in range(len(full.scene.contacts))]
     places, pressures = (np.concatenate(part) for part in zip(*found, strict=True))
     drawn = axes.scatter(*places.T, c=pressures, s=12)
-    figure.colorbar(drawn, ax=axes, label=f"contact pressure{_unit(full, 'stress')}", shrink=0.7)
-    names = {f"{axis}label": f"{axis}{_unit(full, 'length')}" for axis in "xyz"}
+    figure.colorbar(drawn, ax=axes, label=f"contact pressure{_unit(full.scene, 'stress')}", shrink=0.7)
+    names = {f"{axis}label": f"{axis}{_unit(full.scene, 'length')}" for axis in "xyz"}
     axes.set(**names, box_aspect=np.maximum(np.ptp(places, axis=0), 0.1 * np.ptp(places, axis=0).max()))

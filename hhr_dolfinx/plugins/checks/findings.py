@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,14 +21,8 @@ NOTE = "note"
 MISTAKE = "mistake"
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One sentence about a scene.
-
-    Attributes:
-        level: ``ok``, ``note`` or ``mistake``.
-        text: finding and remedy.
-    """
+class Finding(NamedTuple):
+    """One sentence about a scene, the finding and its remedy, and its level: ``ok``, ``note`` or ``mistake``."""
 
     level: str
     text: str
@@ -36,14 +30,10 @@ class Finding:
 
 @dataclass
 class SceneCheck:
-    """Findings of a check.
+    """Findings of a check of a scene, in their order, each once, and its mesh; None if it has none.
 
-    Attributes:
-        scene: the scene.
-        findings: in the order of the check, each once.
-        discretisation: its mesh; None if it has none.
-        pairs: surfaces and rows of each contact pair; no rows if they were refused.
-        forces: for each load its name and its nodal forces at the checked parameter, (nodes, dim).
+    Of each contact pair its surfaces and rows, none if they were refused; of each load its name and its nodal forces at
+    the checked parameter, (nodes, dim).
     """
 
     scene: Scene
@@ -64,26 +54,19 @@ class SceneCheck:
         return self.discretisation
 
     @property
-    def drawable(self) -> bool:
-        """True if there is a mesh to draw."""
-        return self.discretisation is not None
-
-    @property
     def length(self) -> str:
         """Unit of length after a blank; empty if it is not given."""
         return "" if self.scene.units is None else f" {self.scene.units.length}"
 
-    def draw(self, path: Path) -> None:
-        """Draw bodies, contact surfaces, supports and loads."""
-        from hhr_dolfinx.plugins.checks.picture import draw_scene
-
-        draw_scene(self, path)
-
-    def say(self, level: str, text: str) -> None:
+    def say(self, text: str, level: str = OK) -> None:
         """Add a finding, unless it is there already: a pair is checked separately and with all others."""
         finding = Finding(level, text)
         if finding not in self.findings:
             self.findings.append(finding)
+
+    def note(self, text: str) -> None:
+        """Add something to look at."""
+        self.say(text, NOTE)
 
     @contextmanager
     def heard(self) -> Iterator[None]:
@@ -92,6 +75,6 @@ class SceneCheck:
             try:
                 yield
             except HHRError as error:
-                self.say(MISTAKE, str(error))
+                self.say(str(error), MISTAKE)
         for item in caught:
-            self.say(NOTE, item.message)
+            self.note(item.message)

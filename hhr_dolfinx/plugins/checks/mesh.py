@@ -18,7 +18,7 @@ from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
-from hhr_dolfinx.plugins.checks.findings import NOTE, OK, SceneCheck
+from hhr_dolfinx.plugins.checks.findings import SceneCheck
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is reported."""
@@ -36,13 +36,9 @@ SAME_PLACE = 1e-9
 
 @dataclass(frozen=True)
 class MeshLook:
-    """Nodes and cells of a whole mesh.
+    """Points, (nodes, dim), and nodes of the cells, (cells, k), of a whole mesh, with the number of corners of a cell.
 
-    Attributes:
-        points: (nodes, dim).
-        cells: nodes of each cell, (cells, k).
-        owner: index in the scene of the body of each cell, (cells,).
-        corners: number of corners of a cell, its first nodes.
+    ``owner`` is the index in the scene of the body of each cell, (cells,).
     """
 
     points: np.ndarray
@@ -90,13 +86,12 @@ def look_at_mesh(found: SceneCheck) -> None:
         corners = own[:, : look.corners]
         kind = "cells" if own.shape == corners.shape else "cells of second order"
         text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
-        found.say(OK, text)
+        found.say(text)
         worst, where = worst_cell(corners)
         if worst < BAD_CELL:
-            found.say(
-                NOTE,
+            found.note(
                 f"body {body.tag!r} has bad cells, the worst at {np.round(where, 6).tolist()} with a quality of "
-                f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly",
+                f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly"
             )
         _modulus(found, body)
     _stiffness_apart(found)
@@ -114,15 +109,16 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
     from hhr_dolfinx.full_order.mesh_error import mesh_error
 
     if found.scene.reader or any(body.stress is not None for body in found.scene.bodies):
-        found.say(NOTE, "the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")
+        found.note("the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")
         return
     with found.heard():
         full = FullOrderModel(found.scene, MPI.COMM_SELF)
         answer = full.solve(full.parameters.middle if point is None else point)
         off = mesh_error(full, answer)
-        remedy = f"; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)"
-        level, said = (NOTE, remedy) if off[0] > COARSE else (OK, "")
-        found.say(level, off.in_words() + said)
+        if off[0] > COARSE:
+            found.note(f"{off.in_words()}; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)")
+        else:
+            found.say(off.in_words())
 
 
 def look_at_joints(found: SceneCheck) -> None:
@@ -136,25 +132,23 @@ def look_at_joints(found: SceneCheck) -> None:
         pieces = look.pieces_of(place)
         own = twins[(pieces[twins] >= 0).all(axis=1)]
         if len(own) and (place, place) not in paired:
-            found.say(
-                NOTE,
+            found.note(
                 f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
                 f"{look.points[own[0, 0]].tolist()}, and its cells do not hang together there. Merge these nodes, in "
-                "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed",
+                "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed"
             )
         elif pieces.max() > 0:
-            found.say(OK, f"body {tag!r} is made of {pieces.max() + 1} pieces")
+            found.say(f"body {tag!r} is made of {pieces.max() + 1} pieces")
     for one, other in combinations(range(len(tags)), 2):
         common = np.flatnonzero(inside[one] & inside[other])
         if common.size:
-            found.say(OK, f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are glued there")
+            found.say(f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are glued there")
         between = (inside[one][twins] & inside[other][twins][:, ::-1]).any(axis=1)
         if between.any() and (one, other) not in paired:
-            found.say(
-                NOTE,
+            found.note(
                 f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, e.g. at "
                 f"{look.points[twins[between][0, 0]].tolist()}, and no contact pair is between them: they go through "
-                "each other. Give their surfaces a contact pair, or merge these nodes to glue them",
+                "each other. Give their surfaces a contact pair, or merge these nodes to glue them"
             )
 
 
@@ -164,11 +158,10 @@ def look_at_common_nodes(found: SceneCheck) -> None:
         for first, second in combinations(surfaces, 2):
             common = np.isin(first.nodes, second.nodes)
             if common.any():
-                found.say(
-                    NOTE,
+                found.note(
                     f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
                     f"at {first.points[common][0].tolist()}: they are glued there and cannot open. Give each body "
-                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes",
+                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes"
                 )
 
 
@@ -177,7 +170,7 @@ def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[in
 
     Depths are those below the nearest facet of the other surface.
     """
-    look, mesh = MeshLook.of(found), found.discretisation.mesh  # type: ignore[union-attr]
+    look, mesh = MeshLook.of(found), found.meshed.mesh
     bodies = [place for place in range(len(found.scene.bodies)) if look.nodes_of(place)[second.nodes].all()]
     points = np.zeros((len(first.nodes), 3))
     points[:, : look.points.shape[1]] = first.points
@@ -213,7 +206,6 @@ def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def _size(points: np.ndarray) -> str:
-    """Extents in words."""
     return " x ".join(f"{value:.4g}" for value in np.ptp(points, axis=0))
 
 
@@ -235,7 +227,6 @@ def young_of(body: Body, space: ParameterSpace) -> float:
 
 
 def _modulus(found: SceneCheck, body: Body) -> None:
-    """Report a modulus that no material has in the units of the scene."""
     units = found.scene.units
     if units is None:
         return
@@ -244,44 +235,39 @@ def _modulus(found: SceneCheck, body: Body) -> None:
     unit = f"give E in {units.stress}, the unit of stress of the scene"
     if pascals < SOFT:
         text = f"is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is meant, {unit}"
-        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
+        found.note(f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
     elif pascals > STIFF:
-        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): {unit}")
+        found.note(f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): {unit}")
 
 
 def _stiffness_apart(found: SceneCheck) -> None:
-    """Report bodies whose moduli are far from each other."""
     space = found.scene.parameters
-    known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
-    bodies = sorted(known, key=lambda body: young_of(body, space))
-    if not bodies:
+    pairs = [(young_of(body, space), repr(body.tag)) for body in found.scene.bodies]
+    known = sorted((pair for pair in pairs if not np.isnan(pair[0])), key=lambda pair: pair[0])
+    if not known:
         return
-    soft, stiff = (young_of(body, space) for body in (bodies[0], bodies[-1]))
+    (soft, softest), *_, (stiff, stiffest) = *known, known[-1]
     if stiff > APART * soft:
-        found.say(
-            NOTE,
-            f"body {bodies[-1].tag!r} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
-            f"{bodies[0].tag!r} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
-            "rigid, an Obstacle or imposed displacements",
+        found.note(
+            f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
+            f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
+            "rigid, an Obstacle or imposed displacements"
         )
 
 
 def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
-    """Report a mesh that is tiny or huge in the unit of the scene."""
     units = found.scene.units
     if units is None or SMALL <= units.metres(look.extent) <= LARGE:
         return
     made = found.scene.geometry
     what = f"the mesh of file {made.path}" if isinstance(made, MeshFile) else f"the mesh of scene '{found.scene.name}'"
-    found.say(
-        NOTE,
+    found.note(
         f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates are in another unit. "
-        "Say by what they are to be multiplied, MeshFile(path, scale=...), or give the scene the Units of the mesh",
+        "Say by what they are to be multiplied, MeshFile(path, scale=...), or give the scene the Units of the mesh"
     )
 
 
 def _large_motions(found: SceneCheck, look: MeshLook) -> None:
-    """Report displacements and openings that exceed the mesh somewhere in the box."""
     space = found.scene.parameters
     box = np.array([space.lower, space.upper], dtype=float)
     named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]
@@ -294,8 +280,7 @@ def _large_motions(found: SceneCheck, look: MeshLook) -> None:
             reached = np.array([amplitude.value(point) for point in space.random(64, seed=0)])
         largest = float(np.abs(reached).max())
         if largest > look.extent:
-            found.say(
-                NOTE,
+            found.note(
                 f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is {look.extent:.4g}{found.length} "
-                "long: bring parameters and mesh to one unit, by MeshFile(path, scale=...) or by the slopes",
+                "long: bring parameters and mesh to one unit, by MeshFile(path, scale=...) or by the slopes"
             )

@@ -25,22 +25,13 @@ from hhr_dolfinx.plugins.doors.function import OutputFunction
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
 
-    pass
-
-
 VALUE = 1
 GRADIENT = 2
 HESSIAN = 4
 
 
 class Request(NamedTuple):
-    """Request of Dakota.
-
-    Attributes:
-        variables: values by name.
-        functions: bits of the requested quantities of each function, by its name.
-        along: variables of the derivatives, numbered from 1.
-    """
+    """Variables and functions by name, with values and bits, and numbers of the variables of derivatives, from 1."""
 
     variables: dict[str, float]
     functions: dict[str, int]
@@ -87,7 +78,6 @@ def answer_dakota(model: AnsweringModel, parameters: str | Path, results: str | 
 
 
 def _lines(function: OutputFunction, request: Request, point: np.ndarray) -> list[str]:
-    """Lines of a results file at a point, (P,)."""
     values = dict(zip(function.outputs, function(point)[0].tolist(), strict=True))
     slopes: dict[str, np.ndarray] = {}
     if any(wanted & GRADIENT for wanted in request.functions.values()):
@@ -102,20 +92,14 @@ def _lines(function: OutputFunction, request: Request, point: np.ndarray) -> lis
 
 
 def _named(request: Request, function: OutputFunction) -> Request:
-    """The request with the names of the model."""
     own = {"_".join(name.split()): name for name in (*function.names, *function.outputs)}
     variables = {own.get(name, name): value for name, value in request.variables.items()}
-    return Request(
-        variables, {own.get(name, name): wanted for name, wanted in request.functions.items()}, request.along
-    )
+    functions = {own.get(name, name): wanted for name, wanted in request.functions.items()}
+    return Request(variables, functions, request.along)
 
 
 def read_parameters(path: str | Path) -> Request:
-    """Request of a parameters file.
-
-    Raises:
-        FileContentError: for any other file, including one in the format of APREPRO.
-    """
+    """Request of a parameters file; FileContentError for any other file, including one in the format of APREPRO."""
     try:
         lines = iter(Path(path).read_text().splitlines())
     except OSError as error:

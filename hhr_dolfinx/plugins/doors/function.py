@@ -53,11 +53,7 @@ class OutputFunction:
         return np.column_stack([found[name] for name in self.outputs])
 
     def check(self, point: Any) -> None:
-        """Refuse a point, (P,), outside the box or the training range; solves for nothing.
-
-        Raises:
-            ParameterError: with the value and its limits.
-        """
+        """Refuse a point, (P,), outside the box or the training range, with a ParameterError; solves for nothing."""
         self.model.check_range(self.model.parameters.point(point), self.outside)
 
     def jacobian(self, point: object) -> np.ndarray:

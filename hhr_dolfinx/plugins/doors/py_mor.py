@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import AnsweringModel
 
-
 with extra("doors", "a model of pyMOR"):
     from pymor.models.interface import Model, OutputDMuResult
     from pymor.vectorarrays.numpy import NumpyVectorSpace
@@ -49,7 +48,6 @@ class PyMORModel(Model):
         self.dim_output = len(self.function.outputs)
 
     def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Mapping[str, np.ndarray]) -> None:
-        """Compute the requested quantities from one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}
         answer = self.function.model.solve(point, **how)
@@ -62,8 +60,8 @@ class PyMORModel(Model):
         if "output_d_mu" in quantities:
             assert found.gradient is not None
             slopes = np.array([found.gradient[name] for name in names])
-            columns = enumerate(self.function.names)
-            data["output_d_mu"] = OutputDMuResult({(name, 0): slopes[:, [k]] for k, name in columns})
+            by_name = {(name, 0): slopes[:, [k]] for k, name in enumerate(self.function.names)}
+            data["output_d_mu"] = OutputDMuResult(by_name)
         if quantities & {"solution_error_estimate", "output_error_estimate"}:
             self._estimate(answer, data)
         quantities -= {"solution", "output", "output_d_mu", "solution_error_estimate", "output_error_estimate"}

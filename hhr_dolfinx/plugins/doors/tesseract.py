@@ -34,15 +34,13 @@ class Endpoints:
         counts = len(self.function.names), len(self.function.outputs)
         descriptions = ", ".join(self.function.names), ", ".join(self.function.outputs)
         schema: Any = create_model
-        checks: list[Any] = [{"checked": field_validator(IN)(self._checked)}, {}]
-        self.inputs, self.outputs = (
-            schema(
-                title, __validators__=check, **{name: (Differentiable[Array[(n,), Float64]], Field(description=text))}
-            )
-            for title, name, n, text, check in zip(
-                ("InputSchema", "OutputSchema"), (IN, OUT), counts, descriptions, checks, strict=True
-            )
+        inputs, outputs = (
+            (Differentiable[Array[(n,), Float64]], Field(description=text))
+            for n, text in zip(counts, descriptions, strict=True)
         )
+        checks = {"checked": field_validator(IN)(self._checked)}
+        self.inputs = schema("InputSchema", __validators__=checks, **{IN: inputs})
+        self.outputs = schema("OutputSchema", **{OUT: outputs})
 
     def apply(self, inputs: object) -> Any:
         """Outputs at a point."""
@@ -93,11 +91,7 @@ def tesseract_api(model: AnsweringModel) -> ModuleType:
     """
     made = Endpoints(model)
     api = ModuleType("tesseract_api", "Contact problem of a condensed or reduced model.")
-    given: dict[str, Any] = {
-        "InputSchema": made.inputs,
-        "OutputSchema": made.outputs,
-        "abstract_eval": made.abstract_eval,
-    }
-    names = ("apply", "jacobian", "jacobian_vector_product", "vector_jacobian_product")
-    vars(api).update(given | {name: getattr(made, name) for name in names})
+    names = ("apply", "jacobian", "jacobian_vector_product", "vector_jacobian_product", "abstract_eval")
+    vars(api).update({name: getattr(made, name) for name in names})
+    vars(api).update(InputSchema=made.inputs, OutputSchema=made.outputs)
     return api

@@ -50,12 +50,7 @@ class RequestError(Exception):
 
 
 class Protocol:
-    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers.
-
-    Args:
-        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
-        name: of the model, for clients.
-    """
+    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers."""
 
     def __init__(self, model: AnsweringModel, name: str = NAME):
         self.name = name
@@ -64,20 +59,16 @@ class Protocol:
         slopes = model.equilibrium is None
         self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
-            "/ModelInfo": self._info,
-            "/InputSizes": self._input_sizes,
-            "/OutputSizes": self._output_sizes,
+            "/ModelInfo": lambda request: {"support": self.supported},
+            "/InputSizes": lambda request: {"inputSizes": [len(self.function.names)]},
+            "/OutputSizes": lambda request: {"outputSizes": [len(self.function.outputs)]},
             "/Evaluate": self._evaluate,
             "/Gradient": self._gradient,
             "/ApplyJacobian": self._jacobian,
         }
 
     def get(self, path: str) -> Fields:
-        """Answer a GET request.
-
-        Raises:
-            RequestError: for any path but ``/Info``.
-        """
+        """Answer a GET request; RequestError for any path but ``/Info``."""
         if path != "/Info":
             raise self._unknown(path)
         return {"protocolVersion": VERSION, "models": [self.name]}
@@ -85,11 +76,9 @@ class Protocol:
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
 
-        Raises:
-            RequestError: for an unknown path or model, or fields that are missing or invalid, and for a point outside
-                of the box or the training range, or without an answer.
+        RequestError for an unknown path or model, invalid fields, a refused point, or one without an answer.
         """
-        if path.removeprefix("/") in self.supported and not self.supported[path.removeprefix("/")]:
+        if not self.supported.get(path.removeprefix("/"), True):
             raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")
         if path not in self.posted:
             raise self._unknown(path)
@@ -109,15 +98,6 @@ class Protocol:
     def _unknown(self, path: str) -> RequestError:
         known = ", ".join(["/Info", *self.posted])
         return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
-
-    def _info(self, request: Fields) -> Fields:
-        return {"support": self.supported}
-
-    def _input_sizes(self, request: Fields) -> Fields:
-        return {"inputSizes": [len(self.function.names)]}
-
-    def _output_sizes(self, request: Fields) -> Fields:
-        return {"outputSizes": [len(self.function.outputs)]}
 
     def _evaluate(self, request: Fields) -> Fields:
         return {"output": [self.function(self._point(request))[0].tolist()]}
@@ -140,7 +120,6 @@ class Protocol:
         return self.function.jacobian(self._point(request))
 
     def _point(self, request: Fields) -> np.ndarray:
-        """Point of a request, (P,)."""
         given = request.get("input")
         if not isinstance(given, list) or len(given) != 1:
             raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.function.names}")
@@ -148,11 +127,6 @@ class Protocol:
 
 
 def _fields(body: bytes) -> Fields:
-    """Fields of a request.
-
-    Raises:
-        RequestError: if it is not an object of JSON.
-    """
     try:
         request = json.loads(body)
     except (ValueError, RecursionError) as error:
@@ -163,7 +137,6 @@ def _fields(body: bytes) -> Fields:
 
 
 def _vector(request: Fields, name: str, size: int) -> np.ndarray:
-    """Numbers of a field, (size,)."""
     given = request.get(name)
     if not isinstance(given, list) or len(given) != size:
         count = f" and has {len(given)}" if isinstance(given, list) else f" and is {_shown(given)}"
@@ -187,8 +160,6 @@ def _shown(value: object) -> str:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Handler of the requests of one client, in a separate thread."""
-
     protocol_version = "HTTP/1.1"
     server_version = f"hhr_dolfinx/{__version__}"
     sys_version = ""
@@ -282,9 +253,8 @@ class Server(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    request_queue_size = (
-        128  # parallel chains connect at the same time; more than Python's default of five would be refused
-    )
+    # parallel chains connect at the same time; more than Python's default of five would be refused
+    request_queue_size = 128
 
     def __init__(self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
         self.protocol = Protocol(model, name)

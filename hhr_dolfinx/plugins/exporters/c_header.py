@@ -136,14 +136,15 @@ class _Data:
     def text(self) -> str:
         """All declarations, in an order that C accepts."""
         tree = self.tree
-        amplitudes = [self._amplitude(item) for item in tree["amplitudes"]["others"]]
-        limits = [self._limit(item) for item in tree["limits"]]
-        components = [self._component(item) for item in tree["parts"]]
-        outputs = [self._output(item) for item in tree["outputs"]]
+        records = [
+            self._records("amplitude", "others", [self._amplitude(item) for item in tree["amplitudes"]["others"]]),
+            self._records("limit", "limits", [self._limit(item) for item in tree["limits"]]),
+            self._records("part", "parts", [self._component(item) for item in tree["parts"]]),
+            self._records("output", "outputs", [self._output(item) for item in tree["outputs"]]),
+        ]
         reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
         pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         places = np.unique(pairs, return_inverse=True)[1]
-        constant = tree["schur"] is not None
         own = [
             *(self._flow(tree["flow"]) if tree["flow"] else ()),
             *(self._friction(tree["friction"]) if tree["friction"] else ()),
@@ -151,12 +152,9 @@ class _Data:
             self._array("pairs", places),
             self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
             self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
-            self._array("schur", self.arrays[tree["schur"]] if constant else np.zeros(1)),
+            self._array("schur", np.zeros(1) if tree["schur"] is None else self.arrays[tree["schur"]]),
             self._array("gaps", self._gaps),
-            self._records("amplitude", "others", amplitudes),
-            self._records("limit", "limits", limits),
-            self._records("part", "parts", components),
-            self._records("output", "outputs", outputs),
+            *records,
             f"static const model_interpolant model_reshaped = {reshaped};",
         ]
         return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
@@ -174,9 +172,8 @@ class _Data:
         return [self._array("fixed", np.array(fixed, dtype=int)), *own]
 
     def _flow(self, item: dict[str, Any]) -> list[str]:
-        """Arrays of an increment, and the laws of bodies."""
-        same = {name: name for name in ("per_mode", "per_force", "forced", "given", "moved", "modal", "coupled")}
-        names = same | {"pressed": "pressed", "weights": "weights", "flow_schur": "schur", "share_of": "parts"}
+        same = "per_mode per_force forced given moved modal coupled pressed weights".split()
+        names = {name: name for name in same} | {"flow_schur": "schur", "share_of": "parts", "mode_share": "mode_parts"}
         bodies = []
         for group in item["groups"]:
             law = group["law"] or (None, None)
@@ -186,7 +183,6 @@ class _Data:
         moduli = [f"{{{self._function(steps)}}}" for steps in item["moduli"]]
         return [
             *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
-            self._array("mode_share", self.arrays[item["mode_parts"]]),
             self._array("middle", np.array(item["middle"], dtype=float)),
             *self._path(item["fixed"]),
             self._records("body", "bodies", bodies),
@@ -194,12 +190,13 @@ class _Data:
         ]
 
     def _friction(self, item: dict[str, Any]) -> list[str]:
-        """Rows of friction, and its laws."""
         laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
+        # index of the first tangential row of each contact, and the end of the last
+        along = np.searchsorted(self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1))
         rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
         return [
             *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
-            self._array("along", self._starts(item)),
+            self._array("along", along),
             self._array("area", self.arrays[item["area"]]),
             *self._path(item["fixed"]),
             self._records("law", "laws", laws),
@@ -215,16 +212,10 @@ class _Data:
         arrays = {"taken": of_motions, "driving": loads} | values
         return [self._array(name, array) for name, array in arrays.items()]
 
-    def _starts(self, item: dict[str, Any]) -> np.ndarray:
-        """Index of the first tangential row of each contact, and the end of the last."""
-        contacts = np.arange(self.arrays[item["normal"]].size + 1)
-        return np.searchsorted(self.arrays[item["owner"]], contacts)
-
     def _sizes(self, places: np.ndarray) -> Iterable[str]:
         tree = self.tree
         friction = tree["friction"]
         grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
-        constant = tree["schur"] is not None
         sizes = {
             "PARAMETERS": len(tree["names"]),
             "CONDITIONS": tree["m"],
@@ -235,7 +226,7 @@ class _Data:
             "LIMITS": len(tree["limits"]),
             "PARTS": len(tree["parts"]),
             "GROUPS": int(places.max()) + 1,
-            "CONSTANT": int(constant),
+            "CONSTANT": int(tree["schur"] is not None),
             "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
             "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
             "RUBS": int(friction is not None),
@@ -245,27 +236,16 @@ class _Data:
         if friction is not None:
             rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
             sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
-        if tree["flow"]:
-            sizes |= self._flow_sizes(tree["flow"])
+        if flow := tree["flow"]:
+            modes, size = self.arrays[flow["per_mode"]].shape
+            points = self.arrays[flow["parts"]].size
+            sizes |= {"MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(flow["groups"])}
+            sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
         if paths := friction or tree["flow"]:
             sizes["FIXED_COUNT"] = len(paths["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
-    def _flow_sizes(self, item: dict[str, Any]) -> dict[str, int]:
-        """Numbers of modes, and of points at which laws are evaluated."""
-        modes, size = self.arrays[item["per_mode"]].shape
-        points = self.arrays[item["parts"]].size
-        return {
-            "MODES": modes,
-            "POINTS": points,
-            "COMPONENTS": size // points,
-            "BODIES": len(item["groups"]),
-            "SHARES": len(self.arrays[item["schur"]]),
-            "MODULI": len(item["moduli"]),
-        }
-
     def _names(self) -> Iterable[str]:
-        """Names, units and the box."""
         tree = self.tree
         lower, upper = box_of(tree)
         words = {

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hhr_dolfinx.command.loading import naming_condensed
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import AT, KNOWN, SCENE, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.plugins.pages.commands import naming_condensed
 
 with extra("study", "the command hhr"):
     import click

@@ -19,6 +19,7 @@ from hhr_dolfinx.contact.law import PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
@@ -27,18 +28,8 @@ if TYPE_CHECKING:
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
-_ELEMENTS = {
-    "plane_strain": {"triangle": "CPE3", "quadrilateral": "CPE4"},
-    "plane_stress": {"triangle": "CPS3", "quadrilateral": "CPS4"},
-    "axisymmetric": {"triangle": "CAX3", "quadrilateral": "CAX4"},
-    "solid": {"tetrahedron": "C3D4", "hexahedron": "C3D8"},
-}
-_ELEMENTS_OF_SECOND_ORDER = {
-    "plane_strain": "CPE6",
-    "plane_stress": "CPS6",
-    "axisymmetric": "CAX6",
-    "solid": "C3D10",
-}
+_ELEMENTS = {"plane_strain": "CPE", "plane_stress": "CPS", "axisymmetric": "CAX", "solid": "C3D"}
+"""Names of elements by hypothesis; the number of nodes follows."""
 
 
 def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
@@ -102,13 +93,9 @@ def _in_deck(law: PairLaw) -> LawInDeck:
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
-    """Nodes, elements by body, and nodes with supports, imposed displacements or loads."""
     points = discretisation._points()
     cells = _cells(discretisation)
-    hypothesis = discretisation.scene.hypothesis
-    kind = _ELEMENTS[hypothesis][discretisation.mesh.topology.cell_name()]
-    if discretisation.order > 1:
-        kind = _ELEMENTS_OF_SECOND_ORDER[hypothesis]
+    kind = f"{_ELEMENTS[discretisation.scene.hypothesis]}{cells.shape[1]}"
     yield "*NODE, NSET=NALL"
     for number, place in enumerate(points, start=1):
         yield ", ".join([str(number), *(_text(x) for x in place)])
@@ -186,16 +173,12 @@ def _text(value: float) -> str:
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
-    """Value of a constant at a parameter."""
     if not isinstance(value, str):
         return float(value)
-    from hhr_dolfinx.formulas import Scalar
-
     return float(Scalar(value, discretisation.scene.parameters.names).value(point))
 
 
 def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
-    """Surfaces as faces of elements, and contact pairs."""
     cells = _cells(discretisation)
     kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
@@ -226,7 +209,6 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
 
 
 def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
-    """Imposed displacements, nodal forces, and printed results."""
     theta = problem.amplitudes(point)
     dim = problem.block_size
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")

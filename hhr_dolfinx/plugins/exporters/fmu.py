@@ -91,19 +91,16 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         canHandleVariableCommunicationStepSize="true",
         providesDirectionalDerivatives="false" if path else "true",
     )
-    units = dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"])
-    if units:
+    if units := dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"]):
         defined = ElementTree.SubElement(root, "UnitDefinitions")
         for unit in units:
             ElementTree.SubElement(defined, "Unit", name=unit)
     variables = ElementTree.SubElement(root, "ModelVariables")
-    ElementTree.SubElement(
-        variables, "Float64", name="time", valueReference="0", causality="independent", variability="continuous"
-    )
+    _variable(variables, "time", 0, "independent")
     for k, parameter in enumerate(tree["names"]):
         words = {"min": repr(lower[k]), "max": repr(upper[k]), "start": repr((lower[k] + upper[k]) / 2)}
         stays = path is not None and k in path["fixed"]
-        _variable(variables, parameter, 1 + k, "parameter" if stays else "input", words)
+        _variable(variables, parameter, 1 + k, "parameter" if stays else "input", **words)
     first = 1 + len(tree["names"])
     structure = ElementTree.SubElement(root, "ModelStructure")
     for kind in ("Output", "InitialUnknown"):
@@ -113,18 +110,18 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
             inputs = " ".join(str(place) for place in ways)
             ElementTree.SubElement(structure, kind, valueReference=str(first + k), dependencies=inputs)
     for k, output in enumerate(tree["outputs"]):
-        _variable(variables, output["name"], first + k, "output", {"unit": output["unit"]} if output["unit"] else {})
+        words = {"unit": output["unit"]} if output["unit"] else {}
+        _variable(variables, output["name"], first + k, "output", **words)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def _variable(parent: ElementTree.Element, name: str, place: int, causality: str, words: dict[str, str]) -> None:
+def _variable(parent: ElementTree.Element, name: str, place: int, causality: str, **words: str) -> None:
     variability = "fixed" if causality == "parameter" else "continuous"
     own = {"name": name, "valueReference": str(place), "causality": causality, "variability": variability}
-    ElementTree.SubElement(parent, "Float64", own | words)
+    ElementTree.SubElement(parent, "Float64", {**own, **words})
 
 
 def _build_description() -> bytes:
-    """Content of buildDescription.xml, to compile the sources elsewhere."""
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
     files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
@@ -141,7 +138,6 @@ def _system() -> tuple[str, str]:
 
 
 def _compiled(sources: dict[str, str], compiler: str) -> bytes:
-    """Shared library compiled from some sources."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

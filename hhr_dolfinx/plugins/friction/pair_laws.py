@@ -37,7 +37,7 @@ class _Tangential(PairLaw):
         parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(parts)
 
-    def check(self, scene: LawfulScene, what: str) -> None:
+    def check(self, scene: Any, what: str) -> None:
         FrictionLaw.of(self, scene.parameters, what)
         if scene.shapes and self.limit is not None:
             raise SceneError(

@@ -36,7 +36,7 @@ from hhr_dolfinx.warn import collected, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.study.training.answers import TrainingAnswers
+    from hhr_dolfinx.study.training.train import Training
 
 Progress = Callable[[Iterable], Iterable]
 DRAWN = 200
@@ -123,7 +123,7 @@ class Clusters:
         if not isinstance(self.others, tuple | list) or not all(isinstance(item, Recipe) for item in self.others):
             raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
 
-    def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
+    def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
         full = training.full_order
         snapshots = training.snapshots
@@ -255,7 +255,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     return low + rng.random(low.shape) * (highs[chosen] - low)
 
 
-def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> SnapshotSet | None:
+def _held_out_of(training: Training, choice: Choice, number: int) -> SnapshotSet | None:
     """Held-out answers in a region; None without any."""
     if training.held_out is None:
         return None

@@ -13,7 +13,7 @@ from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import POINTS, Proposal, Reductor, Search, Task, made
-from hhr_dolfinx.study.training.answers import TrainingAnswers
+from hhr_dolfinx.study.training.train import Training
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Local(Reductor[Task]):
     def attempt(self, prepared: Task, level: int) -> tuple[LocalModels, None]:
         """All models; their record is that of ``how``."""
         full = prepared.full
-        training = TrainingAnswers(full, prepared.snapshots, prepared.held_out, prepared.log)  # type: ignore[arg-type]
+        training = Training(full, prepared.snapshots, prepared.held_out, prepared.log)  # type: ignore[arg-type]
         recipe = usual_recipe(full) if self.recipe is None else self.recipe
         return self.how.models(training, recipe, self.progress), None
 

@@ -30,7 +30,7 @@ from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.study.training.answers import TrainingAnswers
+    from hhr_dolfinx.study.training.train import Training
 
 LEAST = 8
 """Snapshots in a part below which the full model computes more."""
@@ -90,7 +90,7 @@ class Splitting:
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
                 raise StudyError(f"{name} = {value!r} must be a part of 1, such as {getattr(type(self), name)}")
 
-    def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
+    def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
         return _Run(self, training, recipe).grown(progress)
 
@@ -108,7 +108,7 @@ class _Part(NamedTuple):
 class _Run:
     """One run of :class:`Splitting`."""
 
-    def __init__(self, settings: Splitting, training: TrainingAnswers, recipe: Recipe):
+    def __init__(self, settings: Splitting, training: Training, recipe: Recipe):
         self.settings = settings
         self.recipe = recipe
         self.full = training.full_order

@@ -6,7 +6,8 @@ PLUGIN = Plugin(
     name="one_call",
     needs=("paths",),
     public={
-        "hhr_dolfinx.plugins.one_call.search": "Reduction reduce",
+        "hhr_dolfinx.plugins.one_call.record": "Reduction",
+        "hhr_dolfinx.plugins.one_call.search": "reduce",
         "hhr_dolfinx.plugins.one_call.target": "Budget",
     },
     commands={"reduce": "hhr_dolfinx.plugins.one_call.commands:reduce"},

@@ -7,11 +7,26 @@ from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.command.speaking import resumable, spoken
-from hhr_dolfinx.command.words import NO_ANSWER, OUT, SCENE, Share, examples
+from hhr_dolfinx.command.words import NO_ANSWER, OUT, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 with extra("study", "the command hhr"):
     import click
+
+
+class Share(click.ParamType):
+    """``1%`` or ``0.01``."""
+
+    name = "share"
+
+    def convert(self, value: object, param: object, ctx: object) -> float:
+        """The number."""
+        text = str(value).strip()
+        try:
+            number = float(text.removesuffix("%"))
+        except ValueError:
+            self.fail(f"{value!r} is no error: write 1% or 0.01", param, ctx)
+        return number / 100 if text.endswith("%") else number
 
 
 @click.command(
@@ -34,9 +49,9 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
     file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
     """
-    from hhr_dolfinx.command.console import shares_on
     from hhr_dolfinx.command.loading import beside, scene_of
     from hhr_dolfinx.errors import StudyError
+    from hhr_dolfinx.plugins.one_call.progress import shares_on
     from hhr_dolfinx.plugins.one_call.search import KEPT
     from hhr_dolfinx.plugins.one_call.search import reduce as reduced
     from hhr_dolfinx.plugins.one_call.target import Budget

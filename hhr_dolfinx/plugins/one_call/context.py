@@ -21,14 +21,15 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target
+from hhr_dolfinx.plugins.one_call.progress import Stopwatch
+from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.reductor import Reductor, check_claim
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.timing import Announce, StageLog, Stopwatch
+from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
@@ -50,11 +51,7 @@ DOUBTED = 1.5
 
 
 class BudgetSpentError(HHRError):
-    """The next stage exceeds the budget.
-
-    Attributes:
-        stage: the stage that was stopped; empty if none had begun.
-    """
+    """The next stage exceeds the budget, or ``stage`` was stopped; empty if none had begun."""
 
     def __init__(self, text: str, stage: str = ""):
         super().__init__(text)
@@ -66,10 +63,8 @@ class SearchContext:
     """Context of the attempts.
 
     Attributes:
-        full: the full model, on one rank.
-        workers: ranks that solve for exact answers; mostly this one alone.
-        target: accuracy of the model.
-        budget: limits of the cost.
+        full, workers: the full model, on one rank, and the ranks that solve for exact answers.
+        target, budget: accuracy of the model, and limits of the cost.
         family: paths, if answers depend on them; None if queries are points.
         seed: of random draws.
         progress: receives each stage, and the share of it that is done.
@@ -77,8 +72,7 @@ class SearchContext:
         errors: of models, in the norms of the target.
         clock: since the search began.
         solved: number of answers of the full model, those found in the store among them.
-        checks: number of checks.
-        held_out: answers of checks, with which later models are compared.
+        checks, held_out: number of checks, and their answers, with which later models are compared.
         looked: whether answers of the full model were checked for large strains and missing contact.
         forces_off: whether contact forces of the last checked model were less accurate than the target; True if nothing
             is known of them.
@@ -120,17 +114,12 @@ class SearchContext:
             raise BudgetSpentError(f"the {answers} full answers of the budget are spent")
 
     def _check_seconds(self) -> None:
-        """Raise BudgetSpentError if the seconds of the budget are over."""
         seconds = self.budget.seconds
         if seconds is not None and self.clock.seconds >= seconds:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
-        """Report a stage, and stop it if the rest of it exceeds the budget.
-
-        Raises:
-            BudgetSpentError: if no time is left, or not enough by the time of the share that is done.
-        """
+        """Report a stage; BudgetSpentError if no time is left, or not enough by the time of the share that is done."""
         self.progress(stage, share)
         self._check_seconds()
         now = self.clock.seconds
@@ -165,7 +154,6 @@ class SearchContext:
         return float(np.median(self.batches)) * math.ceil(count / self.workers.size) if self.batches else 0.0
 
     def _left(self) -> str:
-        """Remaining seconds of the budget, in words."""
         seconds = self.budget.seconds
         assert seconds is not None
         left = max(0.0, self.deadline - self.clock.seconds)
@@ -187,8 +175,7 @@ class SearchContext:
     def training(self, count: int) -> Training:
         """About so many training answers, including those of smaller trainings and of checks.
 
-        Raises:
-            BudgetSpentError: before anything is solved for, if the budget does not allow it.
+        BudgetSpentError before anything is solved for, if the budget does not allow it.
         """
         questions: Any
         if self.family is not None:
@@ -199,7 +186,7 @@ class SearchContext:
         self.check_affordable(questions, f"a training of {len(questions)}", SURE)
         lost = Lost()
         answers = list(self._answers(questions, "training answers", lost))
-        self._look([Exact(item) for item in answers])
+        self._look(answers)
         snapshots = _set_of(answers)
         lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
@@ -221,20 +208,17 @@ class SearchContext:
         known = list(exact)
         histories = self.family is not None
         for some in ([item] for item in known) if histories else (known,):
-            check_claim(method, self.full, model, _set_of(item.full for item in some))
+            check_claim(method, self.full, model, _set_of(some))
 
     @property
     def checked(self) -> SnapshotSet | None:
         """Exact answers of checks; None before the first."""
-        return _set_of(item.full for item in self.held_out) if self.held_out else None
+        return _set_of(self.held_out) if self.held_out else None
 
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
         """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
 
-        If the budget ends there are fewer; ``short`` then has the reason.
-
-        Raises:
-            BudgetSpentError: if it allows none.
+        If the budget ends there are fewer, and ``short`` has the reason; BudgetSpentError if it allows none.
         """
         self.checks += 1
         seed = self.seed + FRESH_SEED + self.checks
@@ -249,7 +233,7 @@ class SearchContext:
         self.short = ""
         try:
             for item in self._answers(questions, "fresh answers", lost):
-                found.append(Exact(item))
+                found.append(item)
         except BudgetSpentError as error:
             if not found:
                 raise
@@ -265,10 +249,10 @@ class SearchContext:
             return
         self.looked = True
         try:
-            check_small_strains(self.full, _set_of(item.full for item in found))
+            check_small_strains(self.full, _set_of(found))
         except ReductionError as error:
             warn(str(error), SmallStrainWarning, stacklevel=3)
-        if not any(answer.forces().any() for item in found for answer in item.answers):
+        if not any(answer.forces().any() for item in found for answer in steps_of(item)):
             warn(
                 f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
                 "loads and displacements, hhr check",
@@ -327,7 +311,7 @@ class SearchContext:
         solved = self.workers.solved(list(some.values()))
         self.batches.append(clock.seconds)
         for (key, question), found in zip(some.items(), solved, strict=True):
-            with lost.recorded(_label(self.full, question)):
+            with lost.recorded(str(getattr(question, "name", "")) or self.full.parameters.described(question)):
                 if isinstance(found, HHRError):
                     raise found
                 self._known[key] = found
@@ -339,7 +323,6 @@ def _about(seconds: float) -> str:
 
 
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
-    """Exact answers as one set."""
     listed: list[Any] = list(found)
     if not listed:
         raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
@@ -348,9 +331,9 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
 
 def _found(model: AnsweringModel, exact: Exact) -> list[Answer]:
     """Answers of a model to the query of exact ones."""
-    if isinstance(exact.full, History):
-        return retraced(model, exact.full).answers
-    return [model.solve(exact.full.parameter, outside="ignore", raise_on_failure=False)]
+    if isinstance(exact, History):
+        return retraced(model, exact).answers
+    return [model.solve(exact.parameter, outside="ignore", raise_on_failure=False)]
 
 
 def _key(question: np.ndarray | AnswerPath) -> bytes:
@@ -358,9 +341,3 @@ def _key(question: np.ndarray | AnswerPath) -> bytes:
     if isinstance(question, np.ndarray):
         return question.tobytes()
     return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
-
-
-def _label(full: FullOrderModel, question: Any) -> str:
-    """A point or a path in words."""
-    name = str(getattr(question, "name", ""))
-    return name or full.parameters.described(question)

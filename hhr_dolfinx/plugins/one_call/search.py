@@ -14,9 +14,9 @@ import logging
 import math
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,10 +28,12 @@ from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
+    ConvergenceError,
     HHRError,
     ModelFileWarning,
     NoBoundWarning,
     NotOfferedError,
+    NotSolvableError,
     ParameterError,
     SceneError,
     ShapeError,
@@ -45,10 +47,13 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
+from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
+from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
@@ -56,7 +61,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
-from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
+from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
 
 if TYPE_CHECKING:
@@ -70,8 +75,6 @@ LOOKED_AT = 500
 """Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
 """Full histories that a model is compared with."""
-CONFIDENCE = 0.9
-"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see :func:`share_beyond`."""
 ROOM = 2.0
 """Factor on observed errors: the worst of 200 points exceeds that of 40."""
 UNRESOLVED = 3.0
@@ -83,143 +86,14 @@ TIMED = 25
 TIMING = 0.02
 """Timed queries of each model, after a warm-up, while all take less than so many seconds; of histories those that are
 compared."""
+WARM_UP = 5
+FEWEST = 3
+"""Queries before the measurement, and smallest number of long queries for a median."""
 NO_BUDGET = Budget()
 TINY = 1e-300
 OF_FIELDS = ("fields", "bound")
 """Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
 KEPT = "reduction.json"
-MET = "met"
-LONG = 40
-"""Length of the outcome of a model above which it is printed below the table, once for all models that share it."""
-
-
-@dataclass(frozen=True)
-class Tried:
-    """One model of the search.
-
-    Attributes:
-        method: ``condensed``, ``hhr`` or ``local``.
-        setting: its settings.
-        full_answers: of the full model from the start of the search to the check of this model.
-        seconds: to build it, including its full answers.
-        query: median seconds of a query of the target, for a point or a history; NaN if it was not timed.
-        errors: the largest known error, by the names of the target; empty if the model was not built.
-        known: source of the errors.
-        bytes: size in a file; 0 without a limit in the budget.
-        outcome: ``met``, or the reason why not.
-        beyond: largest share of the box that may exceed the target, with a confidence of 90 %, if none of the random
-            fresh answers does; NaN if each answer has a bound or is exact, and if the target is not met.
-    """
-
-    method: str
-    setting: str
-    full_answers: int
-    seconds: float
-    query: float = math.nan
-    errors: Mapping[str, float] = field(default_factory=dict)
-    known: str = ""
-    bytes: int = 0
-    outcome: str = ""
-    beyond: float = math.nan
-
-    @property
-    def met(self) -> bool:
-        """True if it meets the target."""
-        return self.outcome == MET
-
-
-@dataclass(frozen=True)
-class Reduction:
-    """Record of a search, see :func:`reduce`.
-
-    Attributes:
-        scene: its name.
-        wish: target accuracy.
-        tried: models in the order of the search.
-        chosen: number of the returned model; None if there is no model.
-        full_answers: all that were solved for.
-        seconds: of the whole search.
-        reason: why the target is not met, or empty.
-    """
-
-    scene: str
-    wish: Target
-    tried: tuple[Tried, ...]
-    chosen: int | None
-    full_answers: int
-    seconds: float
-    reason: str = ""
-
-    @property
-    def met(self) -> bool:
-        """True if the target is met, as far as is known."""
-        return self.chosen is not None and self.tried[self.chosen].met
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons why models were refused or stopped, each once, in the order of their occurrence."""
-        return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
-
-    @property
-    def numbered(self) -> tuple[str, ...]:
-        """These reasons with their numbers in the table."""
-        return tuple(f"({number}) {reason}" for number, reason in enumerate(self.reasons, 1))
-
-    @property
-    def table(self) -> str:
-        """A row for each model of the search, with the numbers of long reasons."""
-        heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
-        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
-        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        return "\n".join([self.table, *self.numbered, self.verdict])
-
-    @property
-    def verdict(self) -> str:
-        """Sentence on whether the target is met."""
-        target = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
-        spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
-        if self.chosen is None:
-            return f"there is no model: {self.reason}; {spent}"
-        if not self.met:
-            return f"{target} is not met: {self.reason}. The best model there is was handed out; {spent}"
-        item = self.tried[self.chosen]
-        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
-        return "; ".join([f"{target} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
-
-    def _row(self, number: int, item: Tried) -> tuple[str, ...]:
-        errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
-        query = "-" if math.isnan(item.query) else f"{1e3 * item.query:.3g} ms"
-        mark = "->" if number == self.chosen else ""
-        made = "-" if math.isnan(item.seconds) else f"{item.seconds:.3g} s"
-        outcome = item.outcome
-        if outcome in self.reasons:
-            outcome = f"{outcome.split(':')[0]} ({self.reasons.index(outcome) + 1})"
-        return (
-            mark,
-            item.method,
-            item.setting,
-            str(item.full_answers),
-            made,
-            query,
-            *errors,
-            item.known or "-",
-            outcome,
-        )
-
-    def described(self) -> dict[str, Any]:
-        """The record as plain values, for a report."""
-        return asdict(self) | {"met": self.met, "verdict": self.verdict}
-
-
-def _no_model(reduction: Reduction) -> StudyError:
-    """Error that no model was found, with the record as ``reduction``; each reason once."""
-    error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
-    vars(error)["reduction"] = reduction
-    return error
 
 
 def reduce(
@@ -265,7 +139,9 @@ def reduce(
     Warns:
         StabilityWarning: if the target is not met.
     """
-    _check_limits(budget, seed)
+    check_counts(seed=(seed, 0))
+    if not isinstance(budget, Budget):
+        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
@@ -275,7 +151,9 @@ def reduce(
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
-    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, _arrays_beside(store))
+    # solutions of connected components, next to full answers
+    arrays = None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
+    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning, stacklevel=2)
@@ -295,7 +173,9 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
             try:
                 found = model, reduction = _searched(context, kept)
                 if kept is not None:
-                    keep(kept, model, reduction, context.full)
+                    save_model(make_folder(kept) / "model.npz", model)
+                    registry.write_companions(context.full, kept)
+                    _keep_record(kept, reduction)
                 look_at_corners(context.full, model)
             finally:
                 context.workers.let_go()
@@ -314,29 +194,11 @@ def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> An
         return model
 
 
-def keep(folder: Path, model: KeptModel, reduction: Reduction, full: FullOrderModel) -> None:
-    """Write a model, its record, and the files of plug-ins: model.npz, reduction.json, scenery.npz."""
-    save_model(make_folder(folder) / "model.npz", model)
-    registry.write_companions(full, folder)
-    keep_table(folder, reduction)
-
-
-def keep_table(folder: Path, reduction: Reduction) -> None:
-    """Write the record, reduction.json."""
+def _keep_record(folder: Path | None, reduction: Reduction) -> None:
+    if folder is None:
+        return
     with replacing(make_folder(folder) / KEPT, text=True) as file:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
-
-
-def _check_limits(budget: object, seed: object) -> None:
-    """Check a budget, and a seed."""
-    check_counts(seed=(seed, 0))
-    if not isinstance(budget, Budget):
-        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
-
-
-def _arrays_beside(store: SnapshotStore | None) -> ArrayStore | None:
-    """Store of solutions of connected components, next to that of full answers."""
-    return None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
 
 
 def _free_folder(folder: str | Path, scene: str) -> Path:
@@ -354,7 +216,6 @@ def _free_folder(folder: str | Path, scene: str) -> Path:
 
 
 def _full_model(scene: object) -> FullOrderModel:
-    """The full model of a scene, on one rank, which models can be built of."""
     if not isinstance(scene, FullOrderModel | Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
@@ -362,19 +223,15 @@ def _full_model(scene: object) -> FullOrderModel:
     return full
 
 
-def _check_family(paths: object) -> None:
-    """StudyError for what is no family of paths; its type is imported only by searches along paths."""
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-
-    if not isinstance(paths, PathFamily):
-        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
-
-
 def _check_paths(full: FullOrderModel, paths: object) -> None:
-    """Check that paths are given exactly if answers depend on them."""
     name = full.scene.name
     if paths is not None:
-        _check_family(paths)
+        from hhr_dolfinx.plugins.paths.path_families import PathFamily  # needed by searches along paths only
+
+        if not isinstance(paths, PathFamily):
+            raise StudyError(
+                f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn"
+            )
     if full.equilibrium is not None and paths is None:
         raise NotOfferedError(
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
@@ -385,30 +242,24 @@ def _check_paths(full: FullOrderModel, paths: object) -> None:
 
 
 def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
-    """The model to return, and its record; the table is written whatever ends the search."""
+    """The model to return, and its record, which is written whatever ends the search."""
     found = _Found(context)
     try:
         found.search()
     except BaseException:
-        if kept is not None:
-            keep_table(kept, replace(found.reduction, reason="the search was interrupted"))
+        _keep_record(kept, replace(found.reduction, reason="the search was interrupted"))
         raise
     reduction = found.reduction
     if reduction.chosen is None:
-        if kept is not None:
-            keep_table(kept, reduction)
-        raise _no_model(reduction) from found.failure
+        _keep_record(kept, reduction)
+        error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
+        vars(error)["reduction"] = reduction
+        raise error from found.failure
     return found.models[reduction.chosen], reduction
 
 
 class _Found:
-    """Models of a search so far.
-
-    Attributes:
-        tried: a row for each.
-        models: the models; None for one that was not built.
-        failure: the last error of a model that could not be built.
-    """
+    """Models of a search so far, None for one that was not built, a row for each, and the last error of one."""
 
     def __init__(self, context: SearchContext):
         self._context = context
@@ -423,7 +274,6 @@ class _Found:
 
     @property
     def reduction(self) -> Reduction:
-        """Record of the search so far."""
         context = self._context
         there = any(model is not None for model in self.models)
         chosen = _chosen(self.tried, self.models, context.target) if there else None
@@ -433,7 +283,6 @@ class _Found:
         )
 
     def search(self) -> None:
-        """Try one model after another, until the target is met or no model is left that may help."""
         try:
             for outcome in outcomes(self._wanted(), partial(_try, self._context), (HHRError,)):
                 # those of a refused model too: reductors and the check give warnings of the scene only
@@ -450,9 +299,9 @@ class _Found:
         """Models that are worth trying, as long as the budget allows one."""
         context = self._context
         for number, attempt in enumerate(attempts(context)):
-            if any(item.met for item in self.tried) and not _worth_trying(context, attempt, self.tried):
-                return
-            if self._over:
+            # with many contact conditions another kind of model may be faster than one that meets the target
+            other = context.full.conditions >= MANY and all(item.method != attempt.method for item in self.tried)
+            if self._over or (any(item.met for item in self.tried) and not other):
                 return
             if attempt.method in self._ended:
                 continue
@@ -492,26 +341,17 @@ class _Found:
         self._keep(row, None)
 
     def _row(self, outcome: str) -> Tried:
-        """Row of a model that was not built."""
         attempt = self._trying
         assert attempt is not None
         return Tried(attempt.method, attempt.setting, self._context.solved, self._clock.seconds, outcome=outcome)
 
     def _keep(self, row: Tried, model: KeptModel | None) -> None:
-        """Add a row, with its model if there is one."""
         self._trying = None
         self.tried.append(row)
         self.models.append(model)
 
 
-def _worth_trying(context: SearchContext, attempt: Proposal, tried: Sequence[Tried]) -> bool:
-    """True if another model may be faster than one that meets the target: once, with many contact conditions."""
-    large = context.full.conditions >= MANY
-    return large and not any(item.method == attempt.method for item in tried)
-
-
 def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
-    """Build and check a model."""
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
@@ -546,14 +386,6 @@ def _made(attempt: Proposal) -> Any:
         if attempt.spared is None or error.stage not in OF_FIELDS:
             raise
     return attempt.spared()
-
-
-def share_beyond(count: int) -> float:
-    """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
-
-    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below 1 - CONFIDENCE.
-    """
-    return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
 def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple[np.ndarray, str, float]:
@@ -656,21 +488,39 @@ def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], 
 
 
 def _query_time(context: SearchContext, model: KeptModel) -> float:
-    """Median seconds of a query of the target, for a point or a history."""
     if context.family is not None:
-        paths = [item.full.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
-        return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
+
+        def march(path: AnswerPath) -> None:
+            with suppress(HHRError):
+                model.march(path, MarchSettings(outside="ignore"))
+
+        paths = [item.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item, History)]
+        return float(np.median([timed(partial(march, path))[1] for path in paths]))
     points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
     return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
 
-def _marched(model: KeptModel, path: AnswerPath) -> None:
-    with suppress(HHRError):
-        model.march(path, MarchSettings(outside="ignore"))
+def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
+    """Median of the seconds of queries on one thread after a warm-up, for as many points as take ``most`` seconds.
+
+    The warm-up of long queries is shorter. A query without an answer counts with its time.
+    """
+    times: list[float] = []
+    warm = 0
+    with one_thread:
+        for point in points:
+            start = now()
+            with suppress(ConvergenceError, NotSolvableError):
+                query(point)
+            times.append(now() - start)
+            if not warm:
+                warm = len(times) if len(times) >= WARM_UP or sum(times) > most / 2 else 0
+            elif len(times) >= warm + FEWEST and sum(times) > most:
+                break
+    return float(np.median(times[warm:] or times))
 
 
 def _size(model: KeptModel) -> int:
-    """Bytes of a model in a file; 0 if no file can keep it."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"
         try:

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 
 LEAST_ERROR = 1e-12
-"""Smallest target: answers of the full model are not more accurate. Exact condensation, which
-solves the same equations in another order, differs from them by up to 8e-13."""
+"""Smallest target. Exact condensation solves the equations of the full model in another order, and differs by 8e-13."""
 ROUND_OFF = 1e-10
 """Part of the largest displacement or force by which exact answers may differ: a hundred times the observed value."""
 DISPLACEMENT = "displacement"
@@ -73,23 +72,14 @@ class Budget:
 
 @dataclass(frozen=True)
 class Target:
-    """Target accuracy of a model.
-
-    Attributes:
-        error: largest relative error.
-        of: quantities: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
-    """
+    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs by name."""
 
     error: float
     of: tuple[str, ...]
 
     @classmethod
     def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
-        """Target for the answers of a full model.
-
-        Raises:
-            ParameterError: for an error outside (0, 1), or less than round-off, or of an unknown quantity.
-        """
+        """Target for the answers of a full model; ParameterError for an error outside (0, 1) or an unknown quantity."""
         if not is_number(error) or not 0 < error < 1:
             raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
         if error < LEAST_ERROR:
@@ -139,29 +129,17 @@ class Target:
         return query
 
 
-@dataclass(frozen=True)
-class Exact:
-    """Answer of the full model to one query.
+Exact = Answer | History
+"""Answer of the full model to a point, or the history of a path."""
 
-    Attributes:
-        full: its answer to a point, or the history of a path.
-    """
 
-    full: Answer | History
-
-    @property
-    def answers(self) -> Sequence[Answer]:
-        """One answer, or those of all steps."""
-        return self.full.answers if isinstance(self.full, History) else (self.full,)
+def steps_of(exact: Exact) -> Sequence[Answer]:
+    """One answer, or those of all steps."""
+    return exact.answers if isinstance(exact, History) else (exact,)
 
 
 class Errors:
-    """Errors of models in the norms of a target, against exact answers.
-
-    Args:
-        target: the target.
-        full: the full model.
-    """
+    """Errors of models in the norms of a target, against answers of the full model."""
 
     def __init__(self, target: Target, full: FullOrderModel):
         self.target = target
@@ -175,14 +153,15 @@ class Errors:
     def know(self, exact: Sequence[Exact]) -> None:
         """Update least sizes from exact answers: denominators of errors are at least a thousandth of the largest."""
         for name in self.target.of:
-            sizes = [self._largest(name, answer) for item in exact for answer in item.answers]
+            sizes = [self._largest(name, answer) for item in exact for answer in steps_of(item)]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
         """Errors of the answers of a model to one query, in the order of the target; infinite if one is missing."""
-        if len(found) != len(exact.answers) or not all(answer.converged for answer in found):
+        steps = steps_of(exact)
+        if len(found) != len(steps) or not all(answer.converged for answer in found):
             return np.full(len(self.target.of), math.inf)
-        return np.array([self._relative(name, found, exact.answers) for name in self.target.of])
+        return np.array([self._relative(name, found, steps) for name in self.target.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
         """True if contact forces may miss the target, by the largest errors in the order of the target."""
@@ -209,17 +188,16 @@ class Errors:
         """Change of an output of an exact answer if displacements and forces change by round-off of their largest."""
         dice = np.random.default_rng(0)
         value = answer.outputs()[name]
-        return max(abs(self._disturbed(answer, dice).outputs()[name] - value) for _ in range(3))
-
-    @staticmethod
-    def _disturbed(answer: Answer, dice: np.random.Generator) -> Answer:
-        """Answer whose displacements and forces are disturbed by round-off of the largest of each."""
 
         def disturbed(values: np.ndarray) -> np.ndarray:
             size = ROUND_OFF * float(np.abs(values).max(initial=0.0))
             return values + size * dice.choice([-1.0, 1.0], values.shape)
 
-        return answer._replace(unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers))
+        changes = []
+        for _ in range(3):
+            other = answer._replace(unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers))
+            changes.append(abs(other.outputs()[name] - value))
+        return max(changes)
 
     def _read(self, name: str, answer: Answer) -> np.ndarray:
         """Quantity of the target, for one answer."""
@@ -235,7 +213,6 @@ class Errors:
         return forces[self._pressed] / problem.contact_areas[self._pressed]
 
     def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
-        """Norm of a quantity; energies by the stiffness at the parameter of an answer."""
         if name == DISPLACEMENT:
             stiffness = self._at(answer.parameter).stiffness
             return math.sqrt(max(values @ (stiffness @ values), 0.0))

@@ -28,13 +28,7 @@ Found = Answer | History | errors.HHRError
 
 @dataclass(frozen=True)
 class Workers:
-    """The ranks of a search.
-
-    Attributes:
-        comm: all of them.
-        full: the full model of this rank.
-        store: keeps answers; None keeps them in memory alone.
-    """
+    """The ranks of a search, the full model of this one, and what keeps answers; None keeps them in memory alone."""
 
     comm: Comm
     full: FullOrderModel
@@ -81,34 +75,26 @@ class Workers:
         return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
 
     def _tried(self, question: np.ndarray | AnswerPath) -> Found:
-        """One answer, or the reason for its absence."""
+        """One exact answer, from the store if it is there, or the reason for its absence."""
+        full = self.full
+        # memories of laws are stored of histories alone
+        store = None if full.law.remembers else self.store
         try:
-            return self._answered(question)
+            if not isinstance(question, np.ndarray):
+                return compute_snapshots(full, [question], store=self.store).histories[0]
+            kept = None if store is None else store.load(question)
+            if kept is not None:
+                return kept._replace(fields=full)
+            with full.strains.paused():  # the search checks all of them at once
+                answer = full.solve(question)
+            if store is not None:
+                store.save(answer)
+            return answer
         except errors.HHRError as error:
             return error
 
-    def _answered(self, question: np.ndarray | AnswerPath) -> Answer | History:
-        """One exact answer, from the store if it is there."""
-        full = self.full
-        if not isinstance(question, np.ndarray):
-            return compute_snapshots(full, [question], store=self.store).histories[0]
-        # memories of laws are stored of histories alone
-        store = None if full.law.remembers else self.store
-        kept = None if store is None else store.load(question)
-        if kept is not None:
-            return kept._replace(fields=full)
-        with full.strains.paused():  # the search checks all of them at once
-            answer = full.solve(question)
-        if store is not None:
-            store.save(answer)
-        return answer
-
     def _taken(self, item: Any) -> Found:
-        """Result of another rank, as if it had been computed here.
-
-        Raises:
-            RuntimeError: for a failure outside this package, which no other attempt can cure.
-        """
+        """Result of another rank; RuntimeError for a failure outside this package, which no other attempt can cure."""
         if isinstance(item, Answer):
             return item._replace(fields=self.full)
         if isinstance(item, History):

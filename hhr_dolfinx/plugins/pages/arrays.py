@@ -49,12 +49,12 @@ def check_model(model: object, what: str = "a page") -> None:
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if model.eliminated.keeps_kernel and model.law.plugin:
-        raise NotOfferedError(
-            f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them by a "
-            "displacement"
-        )
     if model.law.plugin:
+        if model.eliminated.keeps_kernel:
+            raise NotOfferedError(
+                f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them "
+                "by a displacement"
+            )
         page_of(model.law, what)
     eliminated: Any = model.eliminated
     if interpolates(model) and not eliminated.symmetric:
@@ -87,11 +87,7 @@ class LawOnPage(Protocol):
 
 
 def page_of(law: ContactLaw, what: str) -> LawOnPage:
-    """The facet ``page`` of a law.
-
-    Raises:
-        NotOfferedError: if its plug-in has none.
-    """
+    """The facet ``page`` of a law; NotOfferedError if its plug-in has none."""
     found: LawOnPage = registry.facet(law.plugin, "page", f"{what} of contacts with {law.name}")
     return found
 
@@ -110,9 +106,6 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
-
-    Raises:
-        NotOfferedError: for a user-defined amplitude.
     """
     arrays = Packed()
     tree = contact_tree(model, arrays) | {"bound": _bound(model, arrays)}
@@ -121,23 +114,20 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
 
 
 def _bound(model: Any, arrays: Packed) -> dict[str, Any] | None:
-    """Bound of interpolated S; None for any other model."""
     if flows(model) or not interpolates(model):
         return None
-    from hhr_dolfinx.plugins.pages.bounding import bound_tree
+    from hhr_dolfinx.plugins.pages.interpolated import bound_tree
 
     return bound_tree(model, arrays)
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Data to solve for contact forces and outputs without Python: a tree of plain values, with names of arrays.
-
-    Raises:
-        NotOfferedError: for a user-defined amplitude.
-    """
+    """Plain values, with names of arrays, to solve for contact forces and outputs without Python."""
     space = model.parameters
     inelastic = flows(model)
-    amplitudes = model.fields.amplitudes if inelastic else model.eliminated.amplitudes
+    amplitudes = _amplitudes_of(model)
+    # round-off of forces is relative to the forces of the same contact
+    grouped = not inelastic and model.pairs is not None
     tree: dict[str, Any] = {
         "names": list(space.names),
         "lower": list(map(float, space.lower)),
@@ -145,7 +135,7 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "amplitudes": _amplitudes(amplitudes, arrays),
         "limits": [_limit(limit) for limit in amplitudes.limits],
         "m": model.conditions,
-        "groups": None if inelastic else _groups(model, arrays),
+        "groups": arrays.put("groups", model.pairs, "<i4") if grouped else None,
         "friction": None,
         "flow": None,
         "floating": None,
@@ -153,11 +143,21 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
     if model.law.plugin:
         law = page_of(model.law, "a page")
         tree[law.key] = law.tree(model.law, arrays)
-    tree |= _inelastic(model, arrays) if inelastic else _eliminated(model.eliminated, arrays)
+    if inelastic:
+        from hhr_dolfinx.plugins.pages.flowing import flow_tree
+
+        tree |= {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
+    else:
+        tree |= _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
     trained = model.trained.parameters if inelastic and model.trained is not None else model.trained
     tree["trained"] = None if trained is None else [trained.lower.tolist(), trained.upper.tolist()]
     return tree
+
+
+def _amplitudes_of(model: Any) -> Amplitudes:
+    found: Amplitudes = model.fields.amplitudes if flows(model) else model.eliminated.amplitudes
+    return found
 
 
 def _limit(limit: Limits) -> dict[str, Any]:
@@ -166,20 +166,7 @@ def _limit(limit: Limits) -> dict[str, Any]:
     return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
 
 
-def _inelastic(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Entries for inelastic bodies, which replace those of S."""
-    from hhr_dolfinx.plugins.pages.flowing import flow_tree
-
-    return {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
-
-
-def _groups(model: Any, arrays: Packed) -> str | None:
-    """Contact of each condition; round-off of forces is relative to the forces of the same contact."""
-    return None if model.pairs is None else arrays.put("groups", model.pairs, "<i4")
-
-
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
-    """Amplitudes θ, affine and non-affine."""
     others = []
     for number, item in enumerate(amplitudes.nonaffine):
         if isinstance(item, Coverage):
@@ -201,8 +188,13 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     """S and the free slack; also the rigid motions of bodies without supports."""
     if isinstance(eliminated, ConstantElimination) or eliminated.keeps_kernel:
         responses = eliminated.responses
+        floating = None
+        if eliminated.keeps_kernel:  # contact rows of the motions, B R, and loads along them
+            floating = {
+                name: arrays.put(f"floating_{name}", getattr(eliminated, name)) for name in ("taken", "driving")
+            }
         return {
-            "floating": _floating(eliminated, arrays) if eliminated.keeps_kernel else None,
+            "floating": floating,
             "schur": arrays.put("schur", half(responses.schur)),
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
@@ -212,16 +204,7 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     return compliances_tree(eliminated, arrays)
 
 
-def _floating(eliminated: Any, arrays: Packed) -> dict[str, Any]:
-    """Contact rows of rigid motions, B R, and loads along the motions."""
-    return {
-        "taken": arrays.put("floating_taken", eliminated.taken),
-        "driving": arrays.put("floating_driving", eliminated.driving),
-    }
-
-
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
-    """Outputs that a page can compute, and the names of the others."""
     fields = model.fields
     items = () if fields.functionals is None else fields.functionals.items
     found = []
@@ -246,10 +229,9 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
     """Output as weights of forces and amplitudes, which include those of displacements."""
     fields = model.fields
     inelastic = flows(model)
-    amplitudes = fields.amplitudes if inelastic else model.eliminated.amplitudes
     of_forces = np.zeros(model.conditions)
     np.add.at(of_forces, item.conditions, item.weights)
-    of_terms = np.zeros(amplitudes.firsts[-1])
+    of_terms = np.zeros(_amplitudes_of(model).firsts[-1])
     np.add.at(of_terms, item.terms, item.coefficients)
     own: dict[str, Any] = {}
     if item.count and inelastic:
@@ -268,7 +250,6 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
 
 
 def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
-    """Largest pressure, or an area under load."""
     own = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
     own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):

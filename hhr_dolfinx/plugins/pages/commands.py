@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hhr_dolfinx.command.loading import naming_condensed
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import KNOWN, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import FileError, NotOfferedError
 
 with extra("study", "the command hhr"):
     import click
@@ -41,12 +43,7 @@ def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...
 
 
 def _scenery_of(model: Path, scene: str | None) -> Any:
-    """Scenery from the file next to a model, or from its scene.
-
-    Raises:
-        FileError: if there is neither.
-    """
-    from hhr_dolfinx.errors import FileError
+    """Scenery from the file next to a model, or from its scene."""
     from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
 
     if scene is not None:
@@ -63,3 +60,15 @@ def _scenery_of(model: Path, scene: str | None) -> Any:
         raise FileError(
             f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its scene, --scene FILE.py"
         ) from None
+
+
+@contextmanager
+def naming_condensed(model: Path) -> Iterator[None]:
+    """If a model is refused, name the condensed one next to it."""
+    other = model.with_name("condensed.npz")
+    try:
+        yield
+    except NotOfferedError as error:
+        if model.name == other.name or not other.exists():
+            raise
+        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error

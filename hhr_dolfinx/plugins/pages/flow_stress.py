@@ -28,11 +28,7 @@ MOST_CELLS = 20_000
 
 
 def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
-    """Cell of each drawn triangle, (t,): the one that has all of its nodes.
-
-    Raises:
-        NotOfferedError: if no cell has them, for a scenery of another mesh.
-    """
+    """Cell of each drawn triangle, (t,), that has all of its nodes; NotOfferedError for a scenery of another mesh."""
     cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     count = len(model.fields.basis) // model.dimension
     corners = scenery.nodes[scenery.triangles]
@@ -49,13 +45,9 @@ def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
 
 
 class CellMeans:
-    """Deviators of the stress of cells, as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
+    """Deviators of the stress of cells, (c,), as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
 
     The third component is left out: a deviator has no trace.
-
-    Args:
-        model: condensed inelastic model.
-        cells: their numbers, (c,).
     """
 
     def __init__(self, model: CondensedFlowModel, cells: np.ndarray):

@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.formulas import Scalar, formula_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.functionals.kinds import Linear
-from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
@@ -72,7 +72,12 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     tree["middle"] = flow.factors.middle.tolist()
     tree["groups"] = [_group(group, names) for group in flow.groups]
     tree["fixed"] = fixed(model)
-    return tree | {"unforeseen": _unforeseen(model.fields.flow, arrays)}
+    # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
+    # orthogonal to the modes, so their orthonormal directions suffice
+    plastic = model.fields.flow
+    tree["unforeseen"] = packed_levels("flow_shown", np.linalg.qr(plastic.shown)[0].T, arrays)
+    tree["unforeseen"]["without"] = arrays.put("flow_without", plastic.without, "<f4")
+    return tree
 
 
 def _weights(flow: CondensedFlow) -> np.ndarray:
@@ -85,7 +90,6 @@ def _weights(flow: CondensedFlow) -> np.ndarray:
 
 
 def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
-    """Elasticity and law of the points of a body."""
     law = group.law
     assert law is None or isinstance(law, Plasticity)
     constants = None if law is None else [_steps(value, names) for value in (law.yield_stress, law.hardening)]
@@ -121,35 +125,17 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
             yield from range(len(names))
 
 
-def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
-    """Data of :meth:`PlasticFields.unforeseen` for the estimate of the answer shown, to a few digits.
-
-    The residual of the fit to all points is orthogonal to the modes, so their orthonormal directions suffice.
-    """
-    ways, _ = np.linalg.qr(flow.shown)
-    return packed_levels("flow_shown", ways.T, arrays) | {"without": arrays.put("flow_without", flow.without, "<f4")}
-
-
 def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
     """Weights of an output that reads displacements: of corrections, loads, and by part of forces and loads."""
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
+    inside = [csr_matrix(rows.multiply(fields.parts == part)) for part in range(fields.factors.middle.size)]
     found = {
         "modes": rows @ fields.basis,
         "given": rows @ fields.given,
-        "pushed": np.vstack([_of_part(rows, fields, part) @ fields.per_force for part in _parts(fields)]),
-        "forced": np.vstack([_of_part(rows, fields, part) @ fields.forced for part in _parts(fields)]),
+        "pushed": np.vstack([part @ fields.per_force for part in inside]),
+        "forced": np.vstack([part @ fields.forced for part in inside]),
     }
     return {name: arrays.put(f"output{number}_{name}", np.ravel(values)) for name, values in found.items()}
-
-
-def _parts(fields: CondensedFlowFields) -> range:
-    """Numbers of the parts of the stiffness."""
-    return range(fields.factors.middle.size)
-
-
-def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_matrix:
-    """Rows restricted to the dofs of a part."""
-    return csr_matrix(rows.multiply(fields.parts == part))
 
 
 def flow_field(
@@ -164,7 +150,7 @@ def flow_field(
     tree = packed_levels("field_modes", ways.T, arrays)
     own = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
     parts = fields.parts[rows]
-    inside = [(ways * (parts == part)[:, None]).T for part in _parts(fields)]
+    inside = [(ways * (parts == part)[:, None]).T for part in range(fields.factors.middle.size)]
     own["pushed"] = np.array([part @ fields.per_force[rows] for part in inside])
     own["forced"] = np.array([part @ fields.forced[rows] for part in inside])
     found = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in own.items()}

@@ -1,4 +1,9 @@
-"""Data of interpolated S on a page."""
+"""Data of interpolated S on a page, and of the error bound at the point shown.
+
+Forces of a page solve the contact problem with the S of its bound, so the interpolation is the only error: the part
+``inexact`` of energies, see :mod:`hhr_dolfinx.plugins.moduli.varying_bound`. Energies of fields need the modes of
+P^T K^-1 P. The largest forces of a given energy follow from S at the point.
+"""
 
 from __future__ import annotations
 
@@ -6,31 +11,31 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.models.bound import ROUND_OFF
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, leja_points
-from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
+from hhr_dolfinx.plugins.moduli.varying_bound import VaryingBound
+from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half, steps_of
+
+MOST_BYTES = 500_000
+"""Most bytes for energies; without them a page shows the largest error at random points only."""
 
 
 def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
     """All connected components, and D."""
-    parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
-    reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
     return {
         "schur": None,
         "free_slack": None,
-        "parts": parts,
+        "parts": [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)],
         "gaps": arrays.put("gaps", eliminated.gaps),
-        "reshaped": reshaped,
+        "reshaped": None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays),
     }
 
 
 def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
-    """Compliance of a connected component."""
     m = part.conditions.size
-    modes = part.interpolant.modes.T.reshape(-1, m, m)
-    halves = np.array([half(mode) for mode in modes])
-    tree = _interpolant(part.interpolant, f"part{number}_", arrays, modes=halves)
-    return tree | {
+    halves = np.array([half(mode) for mode in part.interpolant.modes.T.reshape(-1, m, m)])
+    return _interpolant(part.interpolant, f"part{number}_", arrays, modes=halves) | {
         "conditions": arrays.put(f"part{number}_conditions", part.conditions, "<i4"),
         "terms": arrays.put(f"part{number}_terms", part.terms, "<i4"),
         "forced": int(part.forced.size),
@@ -50,4 +55,26 @@ def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarra
         "levels": arrays.put(f"{name}levels", found.levels, "<i4"),
         "weights": arrays.put(f"{name}weights", found.weights),
         "modes": arrays.put(f"{name}modes", found.modes.T if modes is None else modes),
+    }
+
+
+def alike(one: Compliances, other: Compliances) -> bool:
+    """True if two compliances of one scene have the same interpolation; in a file both are one object."""
+    pairs = [(a.interpolant, b.interpolant) for a, b in zip(one.parts, other.parts, strict=True)]
+    return all(np.array_equal(a.weights, b.weights) and np.array_equal(a.modes, b.modes) for a, b in pairs)
+
+
+def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
+    """Bound of an elastic model as plain values; None without a bound, or if its data are too large."""
+    bound = getattr(model.fields, "bound", None)
+    if not isinstance(bound, VaryingBound) or not alike(bound.compliances, model.eliminated):
+        return None
+    halves = [np.array([half(mode) for mode in energy.work]) for energy in bound.energies]
+    if BASE64 * sum(modes.nbytes for modes in halves) > MOST_BYTES:
+        return None
+    return {
+        "inexact": max(bound.inexact, ROUND_OFF),
+        "least": bound.least.tolist(),
+        "areas": None if bound.reshaped_areas is not None else arrays.put("bound_areas", bound.areas),
+        "work": [arrays.put(f"bound_work{number}", modes) for number, modes in enumerate(halves)],
     }

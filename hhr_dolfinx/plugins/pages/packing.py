@@ -28,12 +28,7 @@ _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow:
 
 
 class Packed:
-    """Arrays of a model by name, with their number formats.
-
-    Attributes:
-        arrays: little-endian, contiguous.
-        kinds: number formats, such as ``<f8``.
-    """
+    """Arrays of a model by name, little-endian and contiguous, with their number formats, such as ``<f8``."""
 
     def __init__(self) -> None:
         self.arrays: dict[str, np.ndarray] = {}

@@ -63,7 +63,9 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     dofs = len(model.fields.basis) if flows(model) else model.fields.lifts.shape[0]
     if scenery.nodes.max(initial=0) * model.dimension >= dofs or (scenery.strains and scenery.strains.dofs != dofs):
         raise NotOfferedError(f"the scenery is of another mesh than the model, which has {dofs} dofs")
-    own = _compliance(model).sum(axis=1)
+    middle = model.parameters.middle
+    there = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
+    own = there.schur.sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
@@ -74,11 +76,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
 
 def check_for_page(model: object) -> None:
-    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed.
-
-    Raises:
-        NotOfferedError: for any other model, or one whose contact problem alone is too large.
-    """
+    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed."""
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)
@@ -86,7 +84,6 @@ def check_for_page(model: object) -> None:
 
 
 def _check_size(count: int, model: object) -> None:
-    """Raise NotOfferedError for a page of too many bytes."""
     if count > MOST_BYTES:
         raise NotOfferedError(
             f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
@@ -95,26 +92,12 @@ def _check_size(count: int, model: object) -> None:
         )
 
 
-def _compliance(model: Any) -> np.ndarray:
-    """S in the middle of the box, (m, m)."""
-    middle = model.parameters.middle
-    return model.equilibrium.at(middle).schur if flows(model) else model.contacts()(middle).schur
-
-
 def _size(model: Any) -> str:
-    """Sizes of a model that make a page large, in words."""
     conditions = f"{model.conditions} contact conditions"
     if not flows(model):
         return conditions
     flow = model.flow
     return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
-
-
-def _strained(scenery: Scenery) -> int:
-    """Number of cells with a stress to draw."""
-    if scenery.owners is not None:
-        return int(np.unique(scenery.owners).size)
-    return 0 if scenery.strains is None else len(scenery.strains.bodies)
 
 
 def page_text(model: Any, scenery: Scenery) -> str:
@@ -123,7 +106,9 @@ def page_text(model: Any, scenery: Scenery) -> str:
         from hhr_dolfinx.plugins.pages.flow_stress import cells_of
 
         scenery = replace(scenery, owners=cells_of(model, scenery))
-    strained = _strained(scenery)
+    strained = 0 if scenery.strains is None else len(scenery.strains.bodies)
+    if scenery.owners is not None:
+        strained = int(np.unique(scenery.owners).size)
     scenery = thinned(scenery, DRAWN)
     of_scenery, placed = drawn(scenery)
     tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))

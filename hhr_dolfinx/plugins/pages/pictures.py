@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -47,15 +47,10 @@ median error at half of the points of a fit to the other half."""
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Drawn quantity: linear in the displacement.
+    """Drawn quantity, linear in the displacement: name of its arrays, and its sparse matrix, (k, N).
 
-    Attributes:
-        name: of its arrays.
-        rows: its matrix, sparse, (k, N).
-        left: largest relative truncation error of the modes.
-        levels: quantisation levels of the modes on each side of zero.
-        room: most bytes of the modes.
-        most: most bytes of all arrays of a page; None if they are limited elsewhere.
+    Its modes have a relative truncation error up to ``left``, quantisation levels on each side of zero, and at most
+    ``room`` bytes; all arrays of a page have at most ``most``, None if they are limited elsewhere.
     """
 
     name: str
@@ -70,15 +65,8 @@ class Drawn:
         return modes_of(seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2))))
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """Modes of a drawn quantity.
-
-    Attributes:
-        tree: data for a page.
-        values: drawn values of the held-out answers, (k, S).
-        apart: indices of the held-out answers, (S,).
-    """
+class Picture(NamedTuple):
+    """Data of a drawn quantity for a page, drawn values of the held-out answers, (k, S), and their indices, (S,)."""
 
     tree: dict[str, Any]
     values: np.ndarray
@@ -86,11 +74,9 @@ class Picture:
 
 
 class Split:
-    """Partition of answers into those that modes are computed from, and held-out ones; corners of the box are both.
+    """Partition of answers into those that modes are computed from, and held-out ones.
 
-    Args:
-        answers: answers, those at corners last.
-        corners: number of answers at corners.
+    The last answers are those at corners of the box, which are both.
     """
 
     def __init__(self, answers: Iterable[Answer], corners: int):
@@ -107,15 +93,9 @@ class Split:
 
 
 def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
-    """Displacement of the drawn nodes, and stress of the cells, in few modes.
+    """Displacement of the drawn nodes, and stress of the cells, in few modes; their arrays are added.
 
-    Neither for a model without a map from forces to displacements; no stress if there is no room for it.
-
-    Args:
-        model: with fields.
-        scenery: drawn mesh.
-        arrays: of the model; those of the pictures are added.
-        room: bytes of a page for all arrays.
+    Neither for a model without a map from forces to displacements; no stress if the ``room`` for all arrays is used up.
     """
     if model.equilibrium is not None:
         from hhr_dolfinx.plugins.pages.flow_stress import flow_stress
@@ -159,7 +139,9 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
         # with friction each point is the end of a path, and maps are fitted elsewhere
         points = Sobol(FEW if model.law.remembers else FITTED).points(model.parameters)
         corners = corners[:0] if model.law.remembers else corners
-        return Split(_reached(model, np.vstack([points, corners])), len(corners)), partial(_fitted, model)
+        with ignored(FarSlidingWarning):  # a warning of these points does not concern the user
+            found = list(model.solve_many(np.vstack([points, corners]), raise_on_failure=False))
+        return Split(found, len(corners)), partial(_fitted, model)
     return Split([], 0), partial(_exact, model)
 
 
@@ -222,12 +204,6 @@ def _walked(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
-def _reached(model: Any, points: np.ndarray) -> Iterable[Answer]:
-    """Answers at some points, with friction by proportional loading; NaN if that does not converge."""
-    with ignored(FarSlidingWarning):  # a warning of these points does not concern the user
-        return list(model.solve_many(points, raise_on_failure=False))
-
-
 def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
     """Picture for varying stiffness: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and fitted polynomials p, P.
 
@@ -285,8 +261,7 @@ def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, poi
 class Monomials:
     """Monomials of parameters scaled to [-1, 1] at some points, (S, P); at most a third as many as points.
 
-    If the modulus of a component depends on one parameter only, the compliance, 1 over the modulus, replaces it,
-    in which answers are nearly linear.
+    A modulus of one parameter replaces it by the compliance, in which answers are nearly linear.
     """
 
     def __init__(self, model: Any, points: np.ndarray):

@@ -28,8 +28,7 @@ class Strains:
     """Data to compute von Mises' stress of cells from a displacement.
 
     Attributes:
-        cells: index of the cell of each drawn triangle, (t,).
-        bodies: body of each cell, (c,).
+        cells, bodies: index of the cell of each drawn triangle, (t,), and body of each cell, (c,).
         rows: strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell,
             (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress.
         moduli: λ' and μ' of each body as formulas of the parameters.
@@ -105,11 +104,7 @@ class Scenery:
     owners: np.ndarray | None = None
 
     def write(self, path: str | Path) -> None:
-        """Write it to a file.
-
-        Raises:
-            FileError: if it cannot be written.
-        """
+        """Write it to a file."""
         arrays = {name: getattr(self, name) for name in _ARRAYS}
         header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
         if self.strains is not None:
@@ -150,11 +145,8 @@ class Scenery:
             return "points and nodes do not fit"
         for name, width in (("triangles", 3), ("lines", 2)):
             array = getattr(self, name)
-            if (
-                array.ndim != 2
-                or array.shape[1] != width
-                or (array.size and not 0 <= array.min() <= array.max() < count)
-            ):
+            inside = not array.size or 0 <= array.min() <= array.max() < count
+            if array.ndim != 2 or array.shape[1] != width or not inside:
                 return f"{name} name nodes that are not there"
         m = len(self.areas)
         shapes = self.contact_points.shape, self.pairs.shape, self.compliance.shape
@@ -216,11 +208,8 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
 
 def _bodies(scenery: Scenery) -> np.ndarray:
     """Number of the connected component of each node, (n,)."""
-    count = len(scenery.points)
-    begin, middle, end = scenery.triangles.T
-    rows = np.concatenate([begin, middle])
-    columns = np.concatenate([middle, end])
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    rows, columns = np.concatenate([scenery.triangles[:, :2], scenery.triangles[:, 1:]]).T
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=2 * (len(scenery.points),))
     return connected_components(graph, directed=False)[1]
 
 

@@ -114,7 +114,6 @@ def _stressed_at_rest(full: FullOrderModel) -> bool:
 
 
 def _words(scene: Scene) -> dict[str, Any]:
-    """Words of a page on a scene."""
     units = scene.units
     bodies = []
     for body in scene.bodies:
@@ -134,5 +133,4 @@ def _words(scene: Scene) -> dict[str, Any]:
 
 
 def _said(value: object) -> str:
-    """A number or a formula in words."""
     return f"{value:g}" if isinstance(value, float | int) else str(getattr(value, "text", value))

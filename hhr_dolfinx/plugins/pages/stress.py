@@ -22,12 +22,7 @@ APART = 4
 
 
 class Stress:
-    """Von Mises' stress from strains, as a page computes it.
-
-    Args:
-        strains: of the drawn cells.
-        names: of the parameters.
-        middle: middle of their box, (P,).
+    """Von Mises' stress from strains of the drawn cells, as a page computes it.
 
     Attributes:
         rows: map from displacements to strains times μ' at the middle of the box, (n c, N): modes are then as accurate

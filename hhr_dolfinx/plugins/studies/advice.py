@@ -15,30 +15,21 @@ ALIKE = 1e-9
 
 
 class Advice(NamedTuple):
-    """Advice of a report.
-
-    Attributes:
-        method: ``condensed``, ``hhr`` or ``fom_best``.
-        text: reason, in words.
-    """
+    """Method of an advice, ``condensed``, ``hhr`` or ``fom_best``, and its reason in words."""
 
     method: str
     text: str
 
 
 def advice(report: Report) -> Advice:
-    """Method for an elastic scene, and the reason: with constant stiffness, or variable stiffness or shape."""
+    """Method for an elastic scene."""
     if report["times"]["condensed_full"] is None:
         return advice_alone(report)
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
 
 
 def advice_exact(report: Report) -> Advice:
-    """Method for an elastic scene, and the reason.
-
-    Exact condensation has no reduction error. It is advised unless it is much slower than the reduced model, if both
-    give the forces on the whole contact surface.
-    """
+    """Exact condensation, which has no reduction error, unless it is much slower than the reduced model."""
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
@@ -74,9 +65,9 @@ def advice_alone(report: Report) -> Advice:
 
 
 def advice_varying(report: Report) -> Advice:
-    """Method for a scene whose stiffness or shape depends on parameters, from the measurements.
+    """Method for a scene whose stiffness or shape depends on parameters, by :func:`by_favour`.
 
-    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
+    Both are far faster than the full model.
     """
     times = report["times"]
     rows = {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}

@@ -15,6 +15,9 @@ RIGHT = 16
 TOP = 14
 BOTTOM = 46
 """Its margins."""
+END = WIDTH - RIGHT
+FLOOR = HEIGHT - BOTTOM
+"""Ends of its axes, which begin at ``LEFT`` and ``TOP``."""
 LEAST = 1e-16
 MOST = 1e16
 """Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur in no report."""
@@ -24,21 +27,23 @@ SHADES = 6
 
 
 class Mark(NamedTuple):
-    """A method of the chart of errors over times.
+    """A method: seconds of a query, its errors at half of the points, at 95 %, at most; ``own`` is that of the report.
 
-    Attributes:
-        name: name of the method.
-        seconds: of a query.
-        error: at half of the points.
-        high: error below which 95 % of the points are; no tail is drawn without it.
-        own: whether it is the model of the report.
+    NaN and infinity are unknown.
     """
 
     name: str
     seconds: float
     error: float
-    high: float | None = None
+    high: float = math.nan
+    worst: float = math.nan
     own: bool = False
+
+    @property
+    def tail(self) -> tuple[float, float]:
+        """Errors of the tick and of the end of its tail."""
+        tick = max(self.error, self.high) if math.isfinite(self.high) else self.error
+        return tick, max(tick, self.worst) if math.isfinite(self.worst) else tick
 
 
 class _Axis:
@@ -56,43 +61,36 @@ class _Axis:
         return self.begin + part * (self.end - self.begin)
 
     def ticks(self) -> list[int]:
-        """Powers of ten, at most ten of them."""
         step = max(1, math.ceil((self.high - self.low) / 9))
         return list(range(self.low, self.high + 1, step))
 
 
 def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
     """A chart with the names of its axes."""
-    middle = (LEFT + WIDTH - RIGHT) / 2
     return (
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">'
-        f'<path class="axis" d="M{LEFT} {TOP}V{HEIGHT - BOTTOM}H{WIDTH - RIGHT}"/>'
+        f'<path class="axis" d="M{LEFT} {TOP}V{FLOOR}H{END}"/>'
         + "".join(content)
-        + f'<text x="{middle:.0f}" y="{HEIGHT - 8}" text-anchor="middle">{escape(across)}</text>'
-        f'<text transform="translate(14 {(TOP + HEIGHT - BOTTOM) / 2:.0f}) rotate(-90)" text-anchor="middle">'
+        + _text((LEFT + END) / 2, HEIGHT - 8, "middle", escape(across))
+        + f'<text transform="translate(14 {(TOP + FLOOR) / 2:.0f}) rotate(-90)" text-anchor="middle">'
         f"{escape(up)}</text></svg>"
     )
 
 
-def _power(exponent: int) -> str:
-    return f'10<tspan dy="-5" font-size="9">{exponent}</tspan>'
+def _text(x: float, y: float, anchor: str, content: object) -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{content}</text>'
 
 
-def _ticks_across(axis: _Axis) -> list[str]:
-    bottom = HEIGHT - BOTTOM
-    return [
-        f'<path class="grid" d="M{axis(10.0**k):.1f} {TOP}V{bottom}"/>'
-        f'<text x="{axis(10.0**k):.1f}" y="{bottom + 17}" text-anchor="middle">{_power(k)}</text>'
-        for k in axis.ticks()
-    ]
-
-
-def _ticks_up(axis: _Axis) -> list[str]:
-    return [
-        f'<path class="grid" d="M{LEFT} {axis(10.0**k):.1f}H{WIDTH - RIGHT}"/>'
-        f'<text x="{LEFT - 6}" y="{axis(10.0**k) + 4:.1f}" text-anchor="end">{_power(k)}</text>'
-        for k in axis.ticks()
-    ]
+def _ticks(axis: _Axis, up: bool = False) -> list[str]:
+    """Lines and numbers at the powers of ten."""
+    parts = []
+    for k in axis.ticks():
+        place = axis(10.0**k)
+        power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
+        line = f"M{LEFT} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
+        number = _text(LEFT - 6, place + 4, "end", power) if up else _text(place, FLOOR + 17, "middle", power)
+        parts.append(f'<path class="grid" d="{line}"/>{number}')
+    return parts
 
 
 def front(marks: Sequence[Mark]) -> list[Mark]:
@@ -105,31 +103,31 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to the 95 % error, and the Pareto front."""
+    """Errors over seconds of a query, a tail up to the largest with a tick at 95 %, and the Pareto front."""
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
         return ""
-    across = _Axis([mark.seconds for mark in marks], LEFT, WIDTH - RIGHT)
-    up = _Axis([value for mark in marks for value in (mark.error, _tail(mark))], HEIGHT - BOTTOM, TOP)
+    across = _Axis([mark.seconds for mark in marks], LEFT, END)
+    up = _Axis([value for mark in marks for value in (mark.error, *mark.tail)], FLOOR, TOP)
     best = front(marks)
     line = "L".join(f"{across(mark.seconds):.1f} {up(mark.error):.1f}" for mark in best)
-    parts = [*_ticks_across(across), *_ticks_up(up), f'<path class="front" d="M{line}"/>']
+    parts = [*_ticks(across), *_ticks(up, up=True), f'<path class="front" d="M{line}"/>']
     labels: list[float] = []
     for mark in sorted(marks, key=lambda mark: up(mark.error)):
         x = across(mark.seconds)
         y = up(mark.error)
-        label = f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {_tail(mark):.2g} at 95 %"
+        tick, end = mark.tail
+        label = (
+            f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {tick:.2g} at 95 %, {end:.2g} at most"
+        )
         parts.append(
-            f'<g><title>{escape(label)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(_tail(mark)):.1f}"/>'
+            f'<g><title>{escape(label)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(end):.1f}"/>'
+            f'<path class="tick" d="M{x - 4:.1f} {up(tick):.1f}h8"/>'
         )
         parts.append(f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>')
         if mark in best or mark.own:
             parts.append(_label(mark.name, x, y, labels))
     return _frame("seconds of a query", error, parts, f"{error} over seconds of a query, method by method")
-
-
-def _tail(mark: Mark) -> float:
-    return mark.error if mark.high is None or not math.isfinite(mark.high) else max(mark.high, mark.error)
 
 
 def _label(name: str, x: float, y: float, used: list[float]) -> str:
@@ -138,11 +136,7 @@ def _label(name: str, x: float, y: float, used: list[float]) -> str:
     while any(abs(place - other) < 13 for other in used):
         place += 13
     used.append(place)
-    right = x > WIDTH - 150
-    return (
-        f'<text x="{x - 9 if right else x + 9:.1f}" y="{place:.1f}" text-anchor="{"end" if right else "start"}">'
-        f"{escape(name)}</text>"
-    )
+    return _text(x - 9, place, "end", escape(name)) if x > WIDTH - 150 else _text(x + 9, place, "start", escape(name))
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
@@ -151,21 +145,24 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:
         return ""
-    across = _Axis([*errors, *bounds], LEFT, WIDTH - RIGHT)
+    across = _Axis([*errors, *bounds], LEFT, END)
     counts = _counted(errors, across)
     limits = _counted(bounds, across)
     most = max(*counts, *limits)
-    bottom = HEIGHT - BOTTOM
-    size = (bottom - TOP) / most
-    step = (WIDTH - RIGHT - LEFT) / BINS
-    parts = [*_ticks_across(across), *_counts_up(most, size)]
+    size = (FLOOR - TOP) / most
+    step = (END - LEFT) / BINS
+    parts = _ticks(across)
+    parts += [
+        _text(LEFT - 6, FLOOR - count * size + 4, "end", count)
+        for count in range(0, most + 1, max(1, math.ceil(most / 5)))
+    ]
     for k, count in enumerate(counts):
-        box = f'x="{LEFT + k * step + 1:.1f}" y="{bottom - count * size:.1f}" width="{step - 2:.1f}"'
+        box = f'x="{LEFT + k * step + 1:.1f}" y="{FLOOR - count * size:.1f}" width="{step - 2:.1f}"'
         label = f"<title>{count} answers</title>"
         parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else "")
     if bounds:
-        steps = "".join(f"V{bottom - count * size:.1f}h{step:.2f}" for count in limits)
-        parts.append(f'<path class="limit" d="M{LEFT} {bottom}{steps}V{bottom}"><title>{escape(bound)}</title></path>')
+        steps = "".join(f"V{FLOOR - count * size:.1f}h{step:.2f}" for count in limits)
+        parts.append(f'<path class="limit" d="M{LEFT} {FLOOR}{steps}V{FLOOR}"><title>{escape(bound)}</title></path>')
     return _frame(error, "answers", parts, f"how many answers have which {error}")
 
 
@@ -175,15 +172,6 @@ def _counted(values: Sequence[float], axis: _Axis) -> list[int]:
         part = (axis(value) - axis.begin) / (axis.end - axis.begin)
         counts[min(BINS - 1, max(0, int(part * BINS)))] += 1
     return counts
-
-
-def _counts_up(most: int, size: float) -> list[str]:
-    step = max(1, math.ceil(most / 5))
-    bottom = HEIGHT - BOTTOM
-    return [
-        f'<text x="{LEFT - 6}" y="{bottom - count * size + 4:.1f}" text-anchor="end">{count}</text>'
-        for count in range(0, most + 1, step)
-    ]
 
 
 def map_of(
@@ -201,18 +189,17 @@ def map_of(
     parts: list[str] = []
     for x, y, error in sorted(known, key=lambda item: item[2]):
         part = (math.log10(max(error, LEAST)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
-        across = LEFT + (x - left) / (right - left) * (WIDTH - RIGHT - LEFT)
-        up = HEIGHT - BOTTOM - (y - low) / (high - low) * (HEIGHT - BOTTOM - TOP)
+        across = LEFT + (x - left) / (right - left) * (END - LEFT)
+        up = FLOOR - (y - low) / (high - low) * (FLOOR - TOP)
         label = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
         shade = min(SHADES - 1, int(part * SHADES))
         parts.append(
             f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{label}</circle>'
         )
-    bottom = HEIGHT - BOTTOM
     parts += [
-        f'<text x="{LEFT}" y="{bottom + 17}" text-anchor="middle">{left:.4g}</text>',
-        f'<text x="{WIDTH - RIGHT}" y="{bottom + 17}" text-anchor="end">{right:.4g}</text>',
-        f'<text x="{LEFT - 6}" y="{bottom}" text-anchor="end">{low:.4g}</text>',
-        f'<text x="{LEFT - 6}" y="{TOP + 8}" text-anchor="end">{high:.4g}</text>',
+        _text(LEFT, FLOOR + 17, "middle", f"{left:.4g}"),
+        _text(END, FLOOR + 17, "end", f"{right:.4g}"),
+        _text(LEFT - 6, FLOOR, "end", f"{low:.4g}"),
+        _text(LEFT - 6, TOP + 8, "end", f"{high:.4g}"),
     ]
     return _frame(*names, parts, f"errors over {names[0]} and {names[1]}")

@@ -29,13 +29,9 @@ Report = dict[str, Any]
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors at every point or history, in their order; none is dropped.
+    """Errors by name at every point or history, (n,) each, infinite without an answer, and where there is one, (n,).
 
-    Attributes:
-        values: errors by name, (n,) each; infinite without an answer.
-        answered: True for each point with an answer, (n,) bool.
-        residuals: largest ones of the answers, the ``kkt`` part of a report.
-        counts: other counts, by name.
+    ``residuals`` is the ``kkt`` part of a report, ``counts`` has other counts by name.
     """
 
     values: dict[str, np.ndarray]
@@ -55,14 +51,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Row:
-    """A method of the work-precision table.
-
-    Attributes:
-        method: its name.
-        setting: what distinguishes it from others of the same method.
-        seconds: of its answers, (n,).
-        errors: at the test points or histories.
-    """
+    """A method of the work-precision table with a setting; seconds of its answers, (n,), and their errors."""
 
     method: str
     setting: str
@@ -70,7 +59,7 @@ class Row:
     errors: Errors
 
     def as_report(self) -> Report:
-        """Medians as in every scene, and the tails."""
+        """Row of ``work_precision``: medians, and the tails."""
         row = {
             "method": self.method,
             "setting": self.setting,
@@ -88,8 +77,7 @@ class Measurement:
     """Measurements of the model under study, and a function that measures others in the same way.
 
     Attributes:
-        own: errors and seconds of the model under study.
-        others: those of other methods, measured on the same queries in turns.
+        own, others: errors and seconds of the model under study, and of other methods on the same queries in turns.
         beside: measures another model, given its method, its setting and the model.
         report: parts that only this kind of measurement has, ``times`` and ``ratios`` among them.
         skipped: items left out, with reasons.
@@ -138,19 +126,11 @@ def answer_errors(
     return errors
 
 
-NAMES = tuple(
-    "primal_l2 primal_energy primal_euclid energy_minimum dual_rid dual_rid_floored dual_full dual_full_floored".split()
-)
-
-
 @dataclass(frozen=True)
 class References:
-    """Full-order solutions at test points, with which approximations are compared.
+    """Full-order solutions of a problem at test points, with which approximations are compared.
 
-    Attributes:
-        problem: the full problem.
-        solutions: of the full model.
-        floor: force norm below which a relative error is not meaningful.
+    ``floor`` is the force norm below which a relative error is not meaningful.
     """
 
     problem: ContactProblem
@@ -197,7 +177,9 @@ class References:
             residuals.append(asdict(contact_residuals(there, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
         answered = np.array([row is not None for row in rows])
-        names = [name for name in NAMES if inside is not None or not name.startswith("dual_rid")]
+        norms = ("dual_full",) if inside is None else ("dual_rid", "dual_full")
+        names = ["primal_l2", "primal_energy", "primal_euclid", "energy_minimum"]
+        names += [name for norm in norms for name in (norm, f"{norm}_floored")]
         values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
         kkt = {name: max((row[name] for row in residuals), default=np.inf) for name in Residuals.__dataclass_fields__}
         counts = {"points_with_false_contact": false_contact, "unconverged": int((~answered).sum())}

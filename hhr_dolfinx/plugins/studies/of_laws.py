@@ -49,17 +49,8 @@ class StudiedLaws(Protocol):
 
 
 def study_of(scene: Scene) -> StudiedLaws | None:
-    """Study of the laws of a scene; None if all bodies are elastic.
-
-    Raises:
-        NotOfferedError: if no study is built in for them.
-    """
+    """Study of the laws of a scene; None if all bodies are elastic, NotOfferedError if there is none for them."""
     if not scene.reader:
         return None
     found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
     return found
-
-
-def studied_laws(full: FullOrderModel) -> StudiedLaws | None:
-    """Study of the laws of a full model; None if all bodies are elastic."""
-    return study_of(full.scene)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -34,6 +34,8 @@ ERRORS = {
     "resultant": "resultant of the contact forces",
 }
 """Names of errors for readers; others have the names of their keys."""
+CHARTED = {"dual_full_floored": "contact forces", "primal_l2": "displacement"}
+"""Errors that are drawn over the time of a query."""
 MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
@@ -41,13 +43,12 @@ TIMES = {
     "condensed": "condensation, contact forces",
     "condensed_full": "condensation, fields and forces",
     "online": "the reduced model, contact forces",
-    "online_lapack": "the same, each system factored by LAPACK",
+    "online_lapack": "the reduced model, contact forces, each system factored by LAPACK",
     "online_full": "the reduced model, fields and forces",
     "online_forces": "the reduced model, forces on the whole surface",
 }
 PICTURES = {
     "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
-    "work_precision.png": "Error against time of one query. What lies on the line is beaten by nothing in both.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
     "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
     "errors.png": "Errors over the parameter.",
@@ -111,35 +112,38 @@ def write_page(folder: str | Path) -> Path:
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
     """The page of a report and the pictures in a folder; missing parts of the report are left out."""
     name = escape(str(report["scene"]))
+    sizes = _mapping(report.get("sizes"))
+    environment = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
+    left_out = [[_text(item.get(key)) for key in ("stage", "why")] for item in _mappings(report.get("skipped"))]
+    environment |= {name: report[name] for name in ("seed", "date") if name in report}
     parts = [
         f"<h1>{name}</h1>",
-        _sizes(_mapping(report.get("sizes"))),
-        _advice(report.get("advice")),
+        _note(f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None),
+        f'<p class="advice">{escape(str(report["advice"]))}</p>' if report.get("advice") else "",
         _asked(report),
         _figure(folder / "scene.png"),
         _errors(_mapping(report.get("errors")), _mapping(report.get("discretisation"))),
         _charts(report),
         _times(_mapping(report.get("times"))),
         _break_even(_mapping(report.get("break_even"))),
-        _outputs(_mapping(report.get("outputs"))),
-        _methods(_mappings(report.get("work_precision"))),
+        _section("Outputs", _table(OUTPUT_HEAD, output_rows(_mapping(report.get("outputs"))))),
+        _section(
+            "All methods that were measured", _table(METHOD_HEAD, method_rows(_mappings(report.get("work_precision"))))
+        ),
         _pictures(folder),
         _loading(folder),
         _checks(_mapping(report.get("kkt"))),
-        _left_out(_mappings(report.get("skipped"))),
+        _section("What was left out, and why", _table(["what", "why"], left_out)),
         _others(report),
-        _machine(report),
+        _note(f"{name} {_text(value)}" for name, value in environment.items()),
     ]
+    style = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
     body = "\n".join(part for part in parts if part)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
-        f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"<style>{style}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
-
-
-def _style() -> str:
-    return (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
 
 
 def _mapping(value: object) -> Mapping[str, Any]:
@@ -148,7 +152,6 @@ def _mapping(value: object) -> Mapping[str, Any]:
 
 
 def _mappings(value: object) -> list[Mapping[str, Any]]:
-    """The rows of a part of a report."""
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
@@ -210,13 +213,12 @@ def _words(name: object) -> str:
     return str(name).replace("_", " ")
 
 
-def _sizes(sizes: Mapping[str, Any]) -> str:
-    found = [f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None]
-    return f'<p class="small">{escape(", ".join(found))}</p>' if found else ""
+def _note(texts: Iterable[str]) -> str:
+    listed = ", ".join(texts)
+    return f'<p class="small">{escape(listed)}</p>' if listed else ""
 
 
 def _asked(report: Mapping[str, Any]) -> str:
-    """Parameters, materials and units of the scene."""
     box = [
         [_named(row), *(_text(row.get(name)) for name in ("from", "to"))] for row in _mappings(report.get("parameters"))
     ]
@@ -224,45 +226,36 @@ def _asked(report: Mapping[str, Any]) -> str:
     names = list(dict.fromkeys(name for row in given for name in row))
     materials = [[_text(row.get(name, "")) for name in names] for row in given]
     units = _mapping(report.get("units"))
-    listed = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
     return _section(
         "What was asked",
         _table(["parameter", "from", "to"], box),
         _table([MATERIALS.get(name, _words(name)) for name in names], materials),
-        f'<p class="small">{escape(listed)}</p>' if listed else "",
+        _note(f"{name} in {_text(unit)}" for name, unit in units.items()),
     )
 
 
 def _named(row: Mapping[str, Any]) -> str:
-    """A parameter with its unit."""
     unit = row.get("unit")
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 
 
-def _advice(text: object) -> str:
-    return f'<p class="advice">{escape(str(text))}</p>' if text else ""
+ERROR_HEAD = ("error of", "half of the answers below", "95 % below", "worst seen")
+TIME_HEAD = ("way to answer", "median", "95 %", "times the reduced model")
+OUTPUT_HEAD = ("output", "largest", "median error", "95 %", "worst")
+METHOD_HEAD = ("method", "setting", "time", "displacement", "forces, median", "forces, worst", "remark")
 
 
-def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
-    head = ["error of", "half of the answers below", "95 % below", "worst seen"]
-    rows = {
+def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Cells of the ``errors`` of a report by key, below :data:`ERROR_HEAD`."""
+    return {
         key: [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
         for key, figures in errors.items()
         if _is_summary(figures)
     }
-    main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
-    rest = [row for row in rows.values() if row not in main]
-    note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
-    table = _table(head, main)
-    caption = (
-        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
-        f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
-    )
-    parts = [table and table + note, _folded("in other norms", _table(head, rest)), caption if mesh else ""]
-    return _section("How large are the errors?", *parts)
 
 
-def _times(times: Mapping[str, Any]) -> str:
+def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
+    """Cells of the ``times`` of a report, below :data:`TIME_HEAD`."""
     base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
     rows = []
     for key, figures in times.items():
@@ -270,31 +263,21 @@ def _times(times: Mapping[str, Any]) -> str:
             median = figures["median"]
             ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
             rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
-    stages = {name: value for name, value in _mapping(times.get("offline")).items() if _is_number(value)}
-    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
-    return _section(
-        "How long does an answer take?",
-        _table(["way to answer", "median", "95 %", "times the reduced model"], rows),
-        cost if stages else "",
-    )
+    return rows
 
 
-def _break_even(even: Mapping[str, Any]) -> str:
-    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
-    return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
-
-
-def _outputs(outputs: Mapping[str, Any]) -> str:
+def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
+    """Cells of the ``outputs`` of a report, below :data:`OUTPUT_HEAD`."""
     rows = []
     for name, item in outputs.items():
         figures = _mapping(item)
         errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
-        head = f"{name} [{figures['unit']}]" if figures.get("unit") else name
-        rows.append([head, _text(figures.get("largest")), *errors])
-    return _section("Outputs", _table(["output", "largest", "median error", "95 %", "worst"], rows))
+        rows.append([_named(figures | {"name": name}), _text(figures.get("largest")), *errors])
+    return rows
 
 
-def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
+def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Cells of the ``work_precision`` of a report, below :data:`METHOD_HEAD`."""
     rows = []
     for row in methods:
         named = [_text(row.get("method")), _text(row.get("setting"))]
@@ -303,29 +286,45 @@ def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
         else:
             errors = [_percent(row.get(key)) for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")]
             rows.append([*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))])
-    head = ["method", "setting", "time", "displacement", "forces, median", "forces, worst", "remark"]
-    return _section("All methods that were measured", _table(head, rows))
+    return rows
+
+
+def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
+    rows = error_rows(errors)
+    main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
+    rest = [row for row in rows.values() if row not in main]
+    note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
+    table = _table(ERROR_HEAD, main)
+    caption = (
+        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
+        f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
+    )
+    parts = [table and table + note, _folded("in other norms", _table(ERROR_HEAD, rest)), caption if mesh else ""]
+    return _section("How large are the errors?", *parts)
+
+
+def _times(times: Mapping[str, Any]) -> str:
+    stages = [value for value in _mapping(times.get("offline")).values() if _is_number(value)]
+    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages)))} of training and building.</p>"
+    table = _table(TIME_HEAD, time_rows(times))
+    return _section("How long does an answer take?", table, cost if stages else "")
+
+
+def _break_even(even: Mapping[str, Any]) -> str:
+    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
 def _charts(report: Mapping[str, Any]) -> str:
     """Errors over times of all methods; for elastic scenes distributions of errors and bounds, and their position."""
-    marks = [
-        charts.Mark(
-            " ".join(dict.fromkeys(_text(row.get(key, "")) for key in ("method", "setting"))).strip(),
-            row["online_s"],
-            row["dual_full_floored"],
-            row.get("dual_full_floored_p95"),
-            own=row.get("setting") == "this model",
-        )
-        for row in _mappings(report.get("work_precision"))
-        if _is_number(row.get("online_s")) and _is_number(row.get("dual_full_floored"))
-    ]
+    caption = (
+        " over the time of a query: half of the answers are below a mark, 95 % below the tick of its tail, none is "
+        "above the end. Nothing beats what lies on the dashed line in both."
+    )
+    rows = _mappings(report.get("work_precision"))
     found = [
-        (
-            charts.work_precision(marks, "error of contact forces"),
-            "Error of the contact forces over the time of a query: half of the answers are below a mark, 95 % below "
-            "the end of its tail. Nothing beats what lies on the dashed line in both.",
-        )
+        (charts.work_precision(_marks(rows, key), f"error of {name}"), f"Error of the {name}{caption}")
+        for key, name in CHARTED.items()
     ]
     samples = _mapping(report.get("samples"))
     errors = _numbers(_mapping(samples.get("errors")).get("forces"))
@@ -340,6 +339,21 @@ def _charts(report: Mapping[str, Any]) -> str:
     figures = (f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in found if svg)
     body = "".join(figures)
     return f'<section class="charts">{body}</section>' if body else ""
+
+
+def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
+    """Marks of the methods whose error of a key is known."""
+    return [
+        charts.Mark(
+            " ".join(dict.fromkeys(_text(row.get(name, "")) for name in ("method", "setting"))).strip(),
+            row["online_s"],
+            row[key],
+            *(_number(row.get(f"{key}_{part}")) for part in ("p95", "max")),
+            own=row.get("setting") == "this model",
+        )
+        for row in rows
+        if _is_number(row.get("online_s")) and _is_number(row.get(key))
+    ]
 
 
 def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
@@ -364,7 +378,11 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
 
 def _numbers(values: object) -> list[float]:
     """Numbers of a list, with NaN for other values."""
-    return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
+    return [_number(value) for value in values] if isinstance(values, list) else []
+
+
+def _number(value: object) -> float:
+    return float(value) if _is_number(value) else math.nan  # type: ignore[arg-type]
 
 
 def _figure(path: Path) -> str:
@@ -411,11 +429,6 @@ def _checks(residuals: Mapping[str, Any]) -> str:
     return _section("What is left of the equations", table and table + caption)
 
 
-def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
-    rows = [[_text(item.get("stage")), _text(item.get("why"))] for item in items]
-    return _section("What was left out, and why", _table(["what", "why"], rows))
-
-
 def _others(report: Mapping[str, Any]) -> str:
     """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
@@ -438,10 +451,3 @@ def _plain(value: object) -> str:
         own = _table(["", "value"], [[_words(name), _text(item)] for name, item in value.items() if name not in parts])
         return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
     return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""
-
-
-def _machine(report: Mapping[str, Any]) -> str:
-    parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
-    parts |= {name: report[name] for name in ("seed", "date") if name in report}
-    listed = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
-    return f'<p class="small">{escape(listed)}</p>' if listed else ""

@@ -20,10 +20,10 @@ from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
+from hhr_dolfinx.plugins.studies.queries import time_queries
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.train import Progress, Training
-from hhr_dolfinx.timing import time_queries
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
@@ -82,10 +82,10 @@ def measure_points(
     errors |= {name: references.errors(item) for name, item in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
-    report = {
-        "active_set": _searches(answers),
-        "samples": _samples(points, answers, errors["online"]),
-    }
+    iterations = [answer.iterations for answer in answers]
+    searches = {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations)}
+    searches["cycles"] = sum(answer.cycled for answer in answers)
+    report = {"active_set": searches, "samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     own = Row("HHR", "this model", warm["online"], errors["online"])
@@ -121,19 +121,11 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
 
 
 def _without_naive(full: FullOrderModel) -> str:
-    """Reason why the naive full model is not measured."""
     if full.problem.kernel is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
     if not registry.parts("baselines"):
         return "no plug-in of baselines is installed"
     return "not asked for: one query takes too long to measure a hundred"
-
-
-def _searches(answers: list[Answer]) -> Report:
-    """The ``active_set`` part of a report."""
-    iterations = [answer.iterations for answer in answers]
-    cycles = sum(answer.cycled for answer in answers)
-    return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
@@ -155,13 +147,10 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
 
 
 def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
-    """Queries of a model for the forces on the whole contact surface, as users run them."""
     return lambda point: model.solve(point).forces()
 
 
 def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Queries of a model for fields and all forces."""
-
     def query(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         answer = model.solve(point)
         return answer.displacement(), answer.forces()
@@ -170,10 +159,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 
 
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> Report:
-    """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
-
-    Errors are infinite without an answer. Empty for a scene without outputs.
-    """
+    """The ``outputs`` part of a report: errors relative to the largest absolute value; infinite without an answer."""
     if full.functionals is None:
         return {}
     exact = []
@@ -195,12 +181,9 @@ def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
 
 
 def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: Report) -> Report:
-    """The ``times`` and ``ratios`` parts of a report, with the baselines that are registered.
+    """The ``times`` and ``ratios`` parts of a report, from the usual and from no initial statuses.
 
-    Args:
-        warm, cold: seconds per query, from the usual and from no initial statuses.
-        baselines: their names.
-        offline: seconds of the stages of models that were made for the comparison.
+    ``offline`` has the stages of models that were made for the comparison.
     """
     return {
         "times": {

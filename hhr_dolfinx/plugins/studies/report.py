@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.command.console import Column, Console, Table
+from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.full_order.mesh_error import MeshError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
+from hhr_dolfinx.plugins.studies import page
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
-from hhr_dolfinx.plugins.studies.of_laws import studied_laws
+from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -30,15 +32,11 @@ if TYPE_CHECKING:
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""
+LONGEST = 160
+"""Most characters of a printed cell."""
 
 
-def make_report(
-    training: Training,
-    model: KeptModel,
-    measured: Measurement,
-    rows: list[Report],
-    seed: int,
-) -> Report:
+def make_report(training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int) -> Report:
     """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
         **frame(training, model, seed),
@@ -47,11 +45,11 @@ def make_report(
         **measured.report,
         "work_precision": rows,
     }
-    report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
-    report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
+    offline = training.log.times | model.offline.log.times | _read_from_files(training, report["times"]["fom_best"])
+    report["times"] = {"offline": offline, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    laws = studied_laws(training.full_order)
+    laws = study_of(training.full_order.scene)
     report["advised"], report["advice"] = advice(report) if laws is None else laws.advice(report)
     return report
 
@@ -99,10 +97,10 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 
 
 def break_even(times: Report) -> dict[str, float | None]:
-    """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
+    """Queries after which training and reduced answers are cheaper than the best full model; None if never.
 
     Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
-    that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
+    that were read from files. Forces by condensation need no training.
     """
     offline = sum(times["offline"].values())
     found = dict[str, float | None](forces=None)
@@ -199,41 +197,23 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
     return path
 
 
-def print_rows(title: str, rows: list[Report], console: Console) -> None:
-    """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
-    table = Table(*rows[0], title=title)
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(*head)
     for row in rows:
-        cells = (
-            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
-            for value in row.values()
-        )
-        table.add_row(*cells)
-    console.print(table)
+        table.add_row(*(cell[:LONGEST] for cell in row))
+    return table
 
 
 def print_report(report: Report, console: Console) -> None:
-    """Print the main figures."""
+    """Print the main figures, in the words of ``report.html``."""
+    models = report.get("models", {})
     console.print(_sizes_in_words(report))
-    errors = Table("error", "median", "95 %", "max")
-    for name, row in report["errors"].items():
-        if isinstance(row, dict):
-            errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
-    reduced = report["times"]["online"] or report["times"]["condensed"]
-    times = Table("time per query", "median", "95 %", "x online")
-    for name, row in report["times"].items():
-        if row is not None and "median" in row:
-            times.add_row(
-                name, in_words(row["median"]), in_words(row["p95"]), f"{row['median'] / reduced['median']:.1f}"
-            )
-    console.print(errors, times)
+    console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
+    console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
     if "histories" in report:
-        console.print(_methods(report["work_precision"]))
+        console.print(_table(page.METHOD_HEAD, page.method_rows(report["work_precision"])))
     if "outputs" in report:
-        outputs = Table("output", "largest", "median error", "95 %", "max")
-        for name, row in report["outputs"].items():
-            head = f"{name} [{row['unit']}]" if row["unit"] else name
-            outputs.add_row(head, *(f"{row[key]:.2e}" for key in ("largest", "median", "p95", "max")))
-        console.print(outputs)
+        console.print(_table(page.OUTPUT_HEAD, page.output_rows(report["outputs"])))
     for name, row in report["times"].items():
         for line in _lines(name, row):
             console.print(line)
@@ -242,9 +222,9 @@ def print_report(report: Report, console: Console) -> None:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
-        console.print(_mesh_error_in_words(report["discretisation"]))
-    for name, paths in _paths_by_model(report).items():
-        for line in _path_lines(paths):
+        console.print(MeshError(**report["discretisation"]).in_words())
+    for name, item in {"paths": report, **{f"paths, {name}": item for name, item in models.items()}}.items():
+        for line in _path_lines(item["paths"]) if "paths" in item else ():
             console.print(f"{name}: {line}")
     if report.get("time_error", {}).get("max"):
         console.print(_time_error_in_words(report["time_error"]))
@@ -252,14 +232,13 @@ def print_report(report: Report, console: Console) -> None:
         console.print(report["advice"])
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+    for item in models.get("condensed", {}).get("refused_before", []):
         console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
 
 
 def _sizes_in_words(report: Report) -> str:
-    """The first printed line: sizes of the full model and of the model under study."""
     size = report["sizes"]
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
@@ -275,49 +254,12 @@ def _sizes_in_words(report: Report) -> str:
     )
 
 
-def _mesh_error_in_words(row: dict[str, float]) -> str:
-    """Sentence on the error of the mesh, the scale of all other errors."""
-    from hhr_dolfinx.full_order.mesh_error import MeshError
-
-    return MeshError(**row).in_words()
-
-
 def _time_error_in_words(row: Report) -> str:
-    """Sentence on the time error of the full model, the scale of errors of small models."""
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
         f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
         f"the histories), {row['max']:.2%} at worst; small models take the same ones"
     )
-
-
-def _methods(rows: list[Report]) -> Table:
-    """The work-precision table of histories."""
-    table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
-    for row in rows:
-        if "refused" in row:
-            table.add_row(row["method"], row["setting"], f"refused: {row['refused']}"[:160])
-            continue
-        names = ("primal_l2", "dual_full_floored", "dual_full_floored_p95", "dual_full_floored_max")
-        table.add_row(row["method"], row["setting"], in_words(row["online_s"]), *(f"{row[name]:.2e}" for name in names))
-    return table
-
-
-def _paths_by_model(report: Report) -> Report:
-    """Results of models on paths inside and outside the training range, by model."""
-    own = {"paths": report["paths"]} if "paths" in report else {}
-    models = report.get("models", {}).items()
-    return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
-
-
-def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
-    """Print relative errors by label and name in per cent, those of another source in brackets if it has any."""
-    table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
-    for name in next(iter(ours.values())):
-        pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
-        cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
-        table.add_row(name, *cells)
-    console.print(table)
 
 
 def _lines(name: str, row: Report | None) -> Iterator[str]:
@@ -333,7 +275,6 @@ def _lines(name: str, row: Report | None) -> Iterator[str]:
 
 
 def _path_lines(paths: Report) -> Iterator[str]:
-    """Results of a model on paths inside and outside its training range, in words."""
     inside = paths["inside"]
     outside = paths["outside"]
     if inside:
@@ -344,7 +285,6 @@ def _path_lines(paths: Report) -> Iterator[str]:
 
 
 def _cpu() -> str:
-    """Name of the processor, if the system reports it."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

@@ -18,7 +18,7 @@ from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
-from hhr_dolfinx.plugins.studies.of_laws import studied_laws, study_of
+from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.settings import StudySettings
@@ -153,7 +153,15 @@ def run_study(
     if full.comm.size > 1:
         raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     tests = _tests_of(full.scene, settings, points)
-    model, measured = _measured(training, settings, tests, progress)
+    laws = study_of(full.scene)
+    if laws is not None and isinstance(tests, dict):
+        model: Any
+        model, measured = laws.measure(training, settings, tests, progress)
+    else:
+        from hhr_dolfinx.plugins.studies.points import measure_points  # not needed for histories
+
+        model = training.build(settings.recipe)
+        measured = measure_points(training, model, settings, tests, progress)
     rows = [measured.own.as_report()]
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
@@ -161,33 +169,12 @@ def run_study(
         rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
     rows += [*(row.as_report() for row in measured.others), *measured.refused]
     report = make_report(training, model, measured, rows, settings.seed)
-    if settings.models:
-        others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
-        # a study of histories has its two models already
-        first = {} if "models" in report else {"default": model_report(model, measured.own)}
-        report["models"] = (
-            report.get("models", {})
-            | first
-            | {name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()}
-        )
+    if settings.models and "models" not in report:  # a study of histories has its two models already
+        report["models"] = {"default": model_report(model, measured.own)}
+    for name, recipe in settings.models.items():
+        other = training.build(recipe, checked=False)
+        report["models"][name] = model_report(other, measured.beside("HHR", name, other))
     return Study(training, model, tests, measured, settings, report)
-
-
-def _measured(
-    training: Training,
-    settings: StudySettings,
-    tests: np.ndarray | dict[Any, HistoryPath],
-    progress: Progress,
-) -> tuple[Any, Measurement]:
-    """The model under study, measured at points or along paths; modules of the other kind are not imported."""
-    if isinstance(tests, dict):
-        laws = studied_laws(training.full_order)
-        assert laws is not None
-        return laws.measure(training, settings, tests, progress)
-    from hhr_dolfinx.plugins.studies.points import measure_points
-
-    model = training.build(settings.recipe)
-    return model, measure_points(training, model, settings, tests, progress)
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:

@@ -7,11 +7,7 @@ from hhr_dolfinx.parameters import is_whole
 
 
 def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer of at least its least value; both are given by name."""
+    """Raise StudyError for a value that is no integer from its least value to 2^32; both are given by name."""
     for name, (value, least) in given.items():
-        if not is_whole(value, least) or int(value) >= MOST:  # type: ignore[call-overload]
+        if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]
             raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")
-
-
-MOST = 2**32
-"""Upper limit of seeds and counts."""

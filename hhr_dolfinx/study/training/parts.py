@@ -6,8 +6,8 @@ points with grazing contact, which depend on all training answers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -22,20 +22,12 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.train import Progress, checked_folder, checked_training, chooses_itself, silent
 
 
-@dataclass(frozen=True)
-class PartSolved:
-    """Results of a part in the folder.
-
-    Attributes:
-        training, held_out: numbers of its training queries and of those held out.
-        read: number of these answers that existed already; for histories of steps.
-        folder: of the answers.
-    """
+class PartSolved(NamedTuple):
+    """Numbers of the training queries of a part, of those held out, and of answers that existed already."""
 
     training: int
     held_out: int
     read: int
-    folder: Path
 
 
 def train_part(
@@ -86,4 +78,4 @@ def train_part(
             lost = Lost()
             spread_snapshots(full, mine, comm, progress(label), store, march, lost)
             lost.warn(len(mine), 1, f"queries of part {number} of {parts}")
-    return PartSolved(counts[0], counts[1], comm.allreduce(store.found), target)
+    return PartSolved(counts[0], counts[1], comm.allreduce(store.found))

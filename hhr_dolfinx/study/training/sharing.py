@@ -16,8 +16,8 @@ ROOM = 0.8
 def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
     """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
 
-    The memory of a model in space is estimated from its mesh, which one rank of each machine generates. Problems with
-    shape parameters are never distributed, and models in the plane are small.
+    One rank of each machine generates the mesh, from which the memory in space is estimated. Problems with shape
+    parameters are never distributed, and models in the plane are small.
     """
     if comm.size == 1 or scene.hypothesis != "solid" or scene.shapes:
         return ""

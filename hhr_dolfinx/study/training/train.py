@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
+from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, everywhere, made
@@ -25,7 +26,6 @@ from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.training.answers import TrainingAnswers
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.sharing import no_room_side_by_side
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
@@ -43,8 +43,36 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
     return iter
 
 
-class Training(TrainingAnswers):
-    """A full model with answers, and methods that build models from them."""
+@dataclass(frozen=True, repr=False)
+class Training(Shown):
+    """A full model with the answers to train and to check reduced models, and methods that build models from them.
+
+    Attributes:
+        full_order: the full model, on one rank or distributed over all.
+        snapshots: training answers.
+        held_out: answers for the trust check, or None.
+        log: seconds of each stage.
+        choice: points chosen by a greedy training, with the errors of its models; None for another training.
+        read: number of answers that were read from files, whose seconds ``log`` lacks.
+    """
+
+    full_order: FullOrderModel
+    snapshots: SnapshotSet
+    held_out: SnapshotSet | None
+    log: StageLog
+    choice: Any = None
+    read: int = 0
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        held_out = 0 if self.held_out is None else len(self.held_out.points)
+        return {
+            "scene": f"scene '{self.full_order.scene.name}'",
+            "answers": counted(len(self.snapshots.points), "full answer"),
+            "held out": f"{held_out} held out",
+            "sizes": f"{self.full_order.problem.free.size} unknowns",
+            "contact": counted(self.full_order.conditions, "contact condition"),
+        }
 
     @cached_property
     def everywhere(self) -> Training:
@@ -58,7 +86,7 @@ class Training(TrainingAnswers):
         """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
 
         Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
-        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
+        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductors,
         see :class:`~hhr_dolfinx.reduction.reductor.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
@@ -148,7 +176,12 @@ def train(
     kept = None
     if apart:
         with log.stage("held_out"), full.strains.paused():
-            kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
+            # a number of points is chosen by forces, whose last digits may differ between machines
+            given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
+            given = comm.bcast(given)
+            lost = Lost()
+            kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
+            lost.warn(len(given), 1, "queries held out")
     check_small_strains(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = comm.allgather(0 if store is None else store.found)
@@ -203,30 +236,6 @@ def _solved(
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
-
-
-def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) -> Any:
-    """Held-out queries: paths as they are given, or a number of points, chosen by forces.
-
-    Their last digits may differ between machines.
-    """
-    return apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
-
-
-def _held_out(
-    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
-) -> SnapshotSet:
-    """Answers that are held out."""
-    lost = Lost()
-    kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
-    lost.warn(len(given), 1, "queries held out")
-    return kept
-
-
-def _checked_path(scene: Scene, path: Any) -> Any:
-    """A path, checked; one of a family keeps its name."""
-    checked = checked_path(scene.parameters, path)
-    return path if isinstance(getattr(path, "name", None), str) else checked
 
 
 def chooses_itself(training: object) -> bool:
@@ -285,10 +294,11 @@ def training_paths(scene: Scene, paths: object) -> list:
     if not isinstance(paths, Iterable):
         raise StudyError(f"{advice}; {paths!r} is none")
     try:
-        # paths of a family keep their names
-        checked = [_checked_path(scene, path) for path in paths]
+        pairs = [(path, checked_path(scene.parameters, path)) for path in paths]
     except (ParameterError, TypeError) as error:
         raise StudyError(f"{advice} ({error})") from None
+    # paths of a family keep their names
+    checked = [path if isinstance(getattr(path, "name", None), str) else known for path, known in pairs]
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
     return checked
@@ -302,14 +312,9 @@ def checked_folder(folder: str | Path) -> Path:
     try:
         if "\0" in str(path):  # some versions of Python would report a missing file
             raise ValueError("embedded null byte")
-        path.exists()
+        there = next((part for part in (path, *path.parents) if part.exists()), path)
     except (OSError, ValueError) as error:
         raise StudyError(f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name") from None
-    for part in (path, *path.parents):
-        if part.exists():
-            if not part.is_dir():
-                raise StudyError(
-                    f"the folder {path} cannot be made: {part} is a file. Choose another folder or move it"
-                )
-            break
+    if there.exists() and not there.is_dir():
+        raise StudyError(f"the folder {path} cannot be made: {there} is a file. Choose another folder or move it")
     return path

@@ -20,6 +20,7 @@ from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import block, stacked_blocks
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.plugins.checks.check import check_scene, sag_of
+from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, worst_cell
 
@@ -86,7 +87,7 @@ def test_scenes_of_the_demos_are_fine(name, tmp_path):
     path = tmp_path / "picture.png"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found.draw(path)
+        figure_of_scene(found).savefig(path)
     assert path.stat().st_size > 10_000
 
 
@@ -266,7 +267,7 @@ def test_where_there_is_no_mesh_nothing_is_drawn():
     """One mistake, and no more."""
     found = check_scene(replace(your_scene.scene(), geometry=hhr.MeshFile("nowhere.msh")))
     assert len(found.mistakes) == len(found.findings) == 1
-    assert not found.drawable
+    assert found.discretisation is None
 
 
 def test_loads_are_drawn_as_the_forces_that_they_are():
@@ -291,8 +292,8 @@ def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     )
     found = check_scene(wrong)
     assert len(found.mistakes) == 1
-    found.draw(tmp_path / "plane.png")
+    figure_of_scene(found).savefig(tmp_path / "plane.png")
     pressed = pressed_block("solid")
     space = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 1.0),), units=hhr.Units("mm", "MPa"))
-    check_scene(space).draw(tmp_path / "space.png")
+    figure_of_scene(check_scene(space)).savefig(tmp_path / "space.png")
     assert min((tmp_path / name).stat().st_size for name in ("plane.png", "space.png")) > 10_000

@@ -251,7 +251,7 @@ def test_a_check_asks_for_what_no_model_was_made_from(real_context):
     asked = []
     looked_at = np.concatenate([BOX.random(search.LOOKED_AT, real_context.seed + number) for number in range(4)])
     for _ in range(3):
-        fresh = [item.full.parameter for item in real_context.fresh(search.FRESH)]
+        fresh = [item.parameter for item in real_context.fresh(search.FRESH)]
         training = hhr.Sobol(512, real_context.seed, corners=True).points(BOX)
         timed = BOX.random(search.TIMED, real_context.seed)
         others = {tuple(point) for part in (looked_at, training, timed, asked) for point in part}

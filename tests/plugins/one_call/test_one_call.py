@@ -23,7 +23,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.one_call import attempts, search
-from hhr_dolfinx.plugins.one_call.target import Errors, Exact, Target
+from hhr_dolfinx.plugins.one_call.target import Errors, Target
 from hhr_dolfinx.reduction.reductor import POINTS
 
 PATHS = {"push": 0.0, "load": 0.0}
@@ -328,9 +328,7 @@ def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_poin
     found = SimpleNamespace(converged=True, parameter=exact.parameter, forces=lambda: shifted)
     areas = full.problem.at(exact.parameter).contact_areas
     assert areas[2] > 1.2 * full.problem.contact_areas[2]
-    assert errors.of([found], Exact(exact)) == pytest.approx(
-        0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12
-    )
+    assert errors.of([found], exact) == pytest.approx(0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12)
 
 
 def test_a_folder_keeps_the_model_of_one_scene(tmp_path):

@@ -13,14 +13,14 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx import timing
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, condense
 from hhr_dolfinx.plugins.moduli.components import Solver
-from hhr_dolfinx.plugins.one_call import attempts, context, search
+from hhr_dolfinx.plugins.one_call import attempts, context, progress, search
+from hhr_dolfinx.plugins.one_call.progress import ShareLines
 from hhr_dolfinx.reduction.reductor import Proposal
-from hhr_dolfinx.timing import ShareLines, unannounced
+from hhr_dolfinx.timing import unannounced
 
 VARIES = contract.blocks((3.0, "nu"), box={"nu": (0.1, 0.4)})
 """Its compliance is interpolated along nu: the fewest solutions are three of the lower block, and one of the upper."""
@@ -55,8 +55,8 @@ def clocked(monkeypatch):
 
         monkeypatch.setattr(hhr.FullOrderModel, "solve", solve)
         monkeypatch.setattr(Solver, "_solved", compliance_of)
-        monkeypatch.setattr(timing.Stopwatch, "__init__", lambda self: setattr(self, "_start", clock.now))
-        monkeypatch.setattr(timing.Stopwatch, "seconds", property(lambda self: clock.now - self._start))
+        monkeypatch.setattr(progress.Stopwatch, "__init__", lambda self: setattr(self, "_start", clock.now))
+        monkeypatch.setattr(progress.Stopwatch, "seconds", property(lambda self: clock.now - self._start))
         return clock
 
     return made
@@ -327,7 +327,7 @@ def test_long_runs_show_progress_without_being_asked(clocked, capfd):
 def test_lines_of_progress_are_few(monkeypatch):
     lines = []
     times = itertools.count(0.0, 0.5)
-    monkeypatch.setattr(timing.Stopwatch, "seconds", property(lambda self: next(times)))
+    monkeypatch.setattr(progress.Stopwatch, "seconds", property(lambda self: next(times)))
     shown = ShareLines(lines.append, quiet=2.0, every=5.0)
     shown("compliances", 0.0)  # after 0 s: still quiet
     for number in range(1, 30):

@@ -122,7 +122,7 @@ def test_every_value_of_a_report_is_on_its_page(report, tmp_path):
 
 def test_pictures_are_inside_and_nothing_is_asked_of_a_network(tmp_path):
     (tmp_path / "report.json").write_text(json.dumps(ELASTIC))
-    for name in ("pressures.png", "work_precision.png", "my own <b>.png"):
+    for name in ("fields.png", "pressures.png", "my own <b>.png"):
         (tmp_path / name).write_bytes(PNG)
     (tmp_path / "a folder.png").mkdir()
     path = write_page(tmp_path)
@@ -133,7 +133,7 @@ def test_pictures_are_inside_and_nothing_is_asked_of_a_network(tmp_path):
     assert not re.search(r"http(?!-equiv)|<script|<link|@import|url\(|onload|onerror", page, re.IGNORECASE)
     assert not {"script", "link", "iframe", "a", "b"} & set(found.tags)
     # the first is the one that a reader looks for first
-    assert page.index("Error against time") < page.index("Contact pressures:") < page.index("my own &lt;b&gt;")
+    assert page.index("Contact pressures:") < page.index("The cells on which") < page.index("my own &lt;b&gt;")
     assert write_page(tmp_path / "report.json") == path and path.read_text(encoding="utf-8") == page
 
 

@@ -7,11 +7,11 @@ import logging
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from mpi4py import MPI
 
-from hhr_dolfinx.command.console import make_console, progress_on
+from hhr_dolfinx.command.console import Console, Table, make_console, progress_on
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -110,3 +110,15 @@ def _owner(folder: Path) -> str:
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
     asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""
     return f"{there} belongs to user {there.stat().st_uid}{asks}"
+
+
+def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None:
+    """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        cells = (
+            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
+            for value in row.values()
+        )
+        table.add_row(*cells)
+    console.print(table)
