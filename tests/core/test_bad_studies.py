@@ -1,7 +1,6 @@
 """Trainings and studies refuse what they cannot do before anything is computed."""
 
 import dataclasses
-import re
 from argparse import Namespace
 
 import hertz_half_discs as demo
@@ -27,10 +26,7 @@ def unbuilt():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        (
-            {"training": [31, 2]},
-            r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers",
-        ),
+        ({"training": [31, 2]}, r"of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
         ({"training": [0]}, r"counts \[0\] of a grid"),
         ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
@@ -103,20 +99,13 @@ def test_test_points_that_are_none(tmp_path, points):
 
 
 @needs("studies")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--seed", "-1"], "argument --seed: -1 must be an integer that is not negative"),
-        (["--seed", "one"], "argument --seed: one must be an integer"),
-    ],
-)
-def test_options_of_demos(tmp_path, capsys, arguments, message):
+@pytest.mark.parametrize(("seed", "message"), [("-1", " that is not negative"), ("one", "")])
+def test_options_of_demos(capsys, seed, message):
     from hhr_dolfinx.plugins.studies.cli import demo_parser
 
-    (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit):
-        demo_parser("demo", "A demo.").parse_args([text.format(file=tmp_path / "file") for text in arguments])
-    assert re.search(message, capsys.readouterr().err)
+        demo_parser("demo", "A demo.").parse_args(["--seed", seed])
+    assert f"argument --seed: {seed} must be an integer{message}" in capsys.readouterr().err
 
 
 @needs("studies")
