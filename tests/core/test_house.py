@@ -37,28 +37,26 @@ MODULES = modules()
 @functools.cache
 def all_imports(name, types=False):
     """What a module imports by full names, inside functions too; with what is for type checking only, or without."""
-    return tuple(_imports_of(name, types))
-
-
-def _imports_of(name, types):
-    tree = ast.parse(MODULES[name].read_text())
+    tree, found = ast.parse(MODULES[name].read_text()), []
     unseen = {
-        id(inner)
+        inner
         for node in ast.walk(tree)
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not types
         for inner in ast.walk(node)
     }
-    for node in ast.walk(tree):
-        if id(node) in unseen:
-            continue
+    for node in set(ast.walk(tree)) - unseen:
         if isinstance(node, ast.Import):
-            targets = [alias.name for alias in node.names]
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             inner = [f"{node.module}.{alias.name}" for alias in node.names]
-            targets = [target if target in MODULES else node.module for target in inner]
-        else:
-            continue
-        yield from targets
+            found += [target if target in MODULES else node.module for target in inner]
+    return found
+
+
+def nodes(*kinds, paths=None):
+    """Nodes of these kinds in files of the package, each behind its path."""
+    trees = ((path, ast.parse(path.read_text())) for path in paths or MODULES.values())
+    return [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, kinds)]
 
 
 def imports(name):
@@ -151,10 +149,8 @@ def test_every_folder_is_installed():
 
 def test_functions_fit_on_a_screen():
     """Functions of up to 60 lines; a file is as long as its idea."""
-    for path in (*MODULES.values(), *SCRIPTS):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef):
-                assert node.end_lineno - node.lineno < 60, (path, node.name)
+    for path, node in nodes(ast.FunctionDef, paths=(*MODULES.values(), *SCRIPTS)):
+        assert node.end_lineno - node.lineno < 60, (path, node.name)
 
 
 def without_types(path):
@@ -178,12 +174,7 @@ def test_public_functions_say_their_types():
 
 def test_one_class_of_record():
     """What a kind of model knows of its construction are facts of one record."""
-    found = [
-        (path.name, node.name)
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef) and node.name.endswith("Record")
-    ]
+    found = [(path.name, node.name) for path, node in nodes(ast.ClassDef) if node.name.endswith("Record")]
     assert found == [("reductor.py", "Record")]
 
 
@@ -193,99 +184,50 @@ def test_one_clock():
     assert holders == ["timing.py"]
 
 
+def own(room, names):
+    return [f"hhr_dolfinx.{room}.{name}" for name in names.split()]
+
+
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
 UNNEEDED = {
     "flow": [
-        "hhr_dolfinx.plugins.inelastic.laws",
-        "hhr_dolfinx.plugins.inelastic.constants",
-        "hhr_dolfinx.plugins.inelastic.update",
-        "hhr_dolfinx.plugins.inelastic.march",
-        "hhr_dolfinx.plugins.inelastic.reduced_flow",
-        "hhr_dolfinx.plugins.inelastic.full_order",
-        "hhr_dolfinx.full_order.gauss_points",
-        "hhr_dolfinx.plugins.inelastic.project",
-        "hhr_dolfinx.plugins.inelastic.study",
-        "hhr_dolfinx.plugins.inelastic.condense_flow",
-        "hhr_dolfinx.plugins.inelastic.condensed_step",
-        "hhr_dolfinx.plugins.inelastic.condensed_fields",
-        "hhr_dolfinx.plugins.inelastic.condensed_flow",
+        *own("plugins.inelastic", "laws constants update march reduced_flow full_order project study condense_flow"),
+        *own("plugins.inelastic", "condensed_step condensed_fields condensed_flow"),
+        *own("full_order", "gauss_points"),
     ],
-    "meshes that do not match": [
-        "hhr_dolfinx.pairings.node_to_surface",
-        "hhr_dolfinx.pairings.mortar",
-        "hhr_dolfinx.pairings.segments",
-        "hhr_dolfinx.pairings.projection",
-        "shapely",
-    ],
+    "meshes that do not match": [*own("pairings", "node_to_surface mortar segments projection"), "shapely"],
     "clustering and peers": [
-        "sklearn",
-        "kmedoids",
-        "hhr_dolfinx.plugins.local.clusters",
-        "hhr_dolfinx.reduction.subspaces",
-        "hhr_dolfinx.plugins.theorems.theorems",
+        *own("plugins", "local.clusters theorems.theorems"),
+        *own("reduction", "subspaces"),
+        *("sklearn", "kmedoids"),
     ],
-    "pictures": [
-        "hhr_dolfinx.plugins.studies.plots",
-        "matplotlib",
-        "pyvista",
-    ],
-    "outputs": [
-        "hhr_dolfinx.outputs",
-        "hhr_dolfinx.full_order.outputs",
-        "hhr_dolfinx.models.functionals.functional",
-        "hhr_dolfinx.models.functionals.kinds",
-    ],
-    "many parameters at once": [
-        "hhr_dolfinx.models.many",
-    ],
+    "pictures": [*own("plugins.studies", "plots"), "matplotlib", "pyvista"],
+    "outputs": ["hhr_dolfinx.outputs", *own("full_order", "outputs"), *own("models.functionals", "functional kinds")],
+    "many parameters at once": own("models", "many"),
     "elasticity and shapes that depend on parameters": [
-        "hhr_dolfinx.formulas",
-        "hhr_dolfinx.shapes",
-        "hhr_dolfinx.full_order.varying",
-        "hhr_dolfinx.full_order.reshaped",
-        "hhr_dolfinx.plugins.moduli.shaped",
-        "hhr_dolfinx.models.eliminations.block",
-        "hhr_dolfinx.plugins.moduli.interpolated",
-        "hhr_dolfinx.plugins.moduli.interpolation",
-        "hhr_dolfinx.plugins.moduli.condense",
-        "hhr_dolfinx.plugins.moduli.interpolate",
-        "hhr_dolfinx.plugins.moduli.interpolate_reduced",
-        "hhr_dolfinx.reduction.starts",
+        *("hhr_dolfinx.formulas", "hhr_dolfinx.shapes"),
+        *own("full_order", "varying reshaped"),
+        *own("plugins.moduli", "shaped interpolated interpolation condense interpolate interpolate_reduced"),
+        *own("models.eliminations", "block"),
+        *own("reduction", "starts"),
     ],
-    "gradients": [
-        "hhr_dolfinx.models.gradient",
-        "hhr_dolfinx.plugins.inelastic.history_gradient",
-    ],
-    "samplings": [
-        "hhr_dolfinx.sampling",
-    ],
-    "greedy training": [
-        "hhr_dolfinx.plugins.greedy.greedy",
-        "hhr_dolfinx.plugins.greedy.indicators",
-    ],
-    "families of paths": [
-        "hhr_dolfinx.plugins.paths.path_families",
-    ],
+    "gradients": [*own("models", "gradient"), *own("plugins.inelastic", "history_gradient")],
+    "samplings": ["hhr_dolfinx.sampling"],
+    "greedy training": own("plugins.greedy", "greedy indicators"),
+    "families of paths": own("plugins.paths", "path_families"),
 }
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
-OF_FILES = {
-    "hhr_dolfinx.models.functionals.kinds",
-    "hhr_dolfinx.models.functionals.functional",
-    "hhr_dolfinx.shapes",
-    "hhr_dolfinx.formulas",
-}
+OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes", "hhr_dolfinx.formulas"}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    **{
-        name: [item for item in UNNEEDED[name] if item not in OF_FILES]
-        for name in UNNEEDED
-        if name not in ("flow", "meshes that do not match")
-    },
+    name: [item for item in UNNEEDED[name] if item not in OF_FILES]
+    for name in UNNEEDED
+    if name not in ("flow", "meshes that do not match")
+} | {
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.plugins.studies.points",
-        "hhr_dolfinx.plugins.baselines.naive",
-        "hhr_dolfinx.reduction.exact",
-    ],
+        *own("plugins", "studies.points baselines.naive"),
+        *own("reduction", "exact"),
+    ]
 }
 """What a study of a scene that flows does without."""
 
@@ -331,20 +273,14 @@ def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
 
 def test_what_is_not_loaded_exists():
     """A module that was renamed would be absent for the wrong reason."""
-    for names in (*UNNEEDED.values(), *UNNEEDED_BY_FLOW.values()):
-        own = {name for name in names if name.startswith("hhr_dolfinx")}
-        assert {name for name in own if ".plugins." not in name or present(name.split(".")[2])} <= set(MODULES)
+    names = {name for listed in (UNNEEDED, UNNEEDED_BY_FLOW) for of in listed.values() for name in of}
+    ours = {name for name in names if name.startswith("hhr_dolfinx")}
+    assert {name for name in ours if ".plugins." not in name or present(name.split(".")[2])} <= set(MODULES)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "hhr_dolfinx.reduction.modes",
-        pytest.param("hhr_dolfinx.plugins.paths.path_families", marks=needs("paths")),
-    ],
-)
+@pytest.mark.parametrize("name", ["reduction.modes", pytest.param("plugins.paths.path_families", marks=needs("paths"))])
 def test_examples_in_docstrings(name):
-    found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})
+    found = doctest.testmod(importlib.import_module(f"hhr_dolfinx.{name}"), extraglobs={"np": np})
     assert found.attempted and not found.failed
 
 
@@ -352,35 +288,26 @@ def test_values_are_assigned_one_by_one():
     """But for swaps and what belongs together, such as the two columns of a matrix."""
     found = [
         (path.name, node.lineno)
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
+        for path, node in nodes(ast.Assign)
+        if isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
     ]
     assert len(found) < 20, found
 
 
 def test_models_do_not_ask_for_attributes():
     """What fields and models may have is declared; ``hasattr`` and ``getattr`` by a fixed name say that it is not."""
-    found = [
-        (path.name, node.lineno)
-        for name, path in MODULES.items()
-        if room(name) == "models"
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and (node.func.id == "hasattr" or (node.func.id == "getattr" and isinstance(node.args[1], ast.Constant)))
-    ]
-    assert not found
+    for path, node in nodes(ast.Call, paths=[path for name, path in MODULES.items() if room(name) == "models"]):
+        called = getattr(node.func, "id", "")
+        fixed = called == "getattr" and isinstance(node.args[1], ast.Constant)
+        assert called != "hasattr" and not fixed, (path.name, node.lineno)
 
 
 def test_one_solve():
     """Points, starts, ranges and failures are looked at in one place; the other one is the contract itself."""
+    paths = [path for name, path in MODULES.items() if room(name) in ("models", "full_order", "baselines")]
     found = [
         node.name
-        for name, path in MODULES.items()
-        if room(name) in ("models", "full_order", "baselines")
-        for node in ast.parse(path.read_text()).body
-        if isinstance(node, ast.ClassDef)
+        for _, node in nodes(ast.ClassDef, paths=paths)
         for item in node.body
         if isinstance(item, ast.FunctionDef) and item.name == "solve" and "mu" in [arg.arg for arg in item.args.args]
     ]
