@@ -2,40 +2,33 @@
 
 import copy
 import dataclasses
-import warnings
 
 import numpy as np
 import pytest
 from needs import needs
-from test_attack_floating import slope, stack
+from scenes import slope, space
+from test_attack_floating import stack
 from test_bounds import check, sizes_of
 from test_floating import scene
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.differences import field_response
-from hhr_dolfinx.errors import SceneWarning, StabilityWarning
+from hhr_dolfinx.errors import StabilityWarning
 from hhr_dolfinx.models.condensed import CondensedModel
 
-
-@pytest.fixture(autouse=True)
-def quiet():
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", ".*no contact resists and no load drives", SceneWarning)
-        yield
+pytestmark = pytest.mark.filterwarnings("ignore:.*no contact resists and no load drives")
 
 
 def leaning(cells=(16, 8), largest=0.5, **changes):
     """A crowned block that a force on its side makes lean to either side."""
-    box = hhr.ParameterSpace(("p", "t"), (1.0, -largest), (10.0, largest))
     outputs = (hhr.GapAt("gap", 0, (0.0, 1.0)), hhr.ContactForce("force", 0, (0.0, 1.0)))
+    box = space(p=(1.0, 10.0), t=(-largest, largest))
     return scene(cells=cells, tilt=slope("t"), parameters=box, outputs=outputs, **changes)
 
 
 @pytest.fixture(scope="module")
 def training():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)
-        return hhr.train(leaning(), hhr.Sobol(12), held_out=5)
+    return hhr.train(leaning(), hhr.Sobol(12), held_out=5)
 
 
 @pytest.fixture(scope="module", params=[1e-13, 1e-4, 1e-2])
@@ -75,9 +68,8 @@ def test_fields_close_the_gaps_and_move_bodies_as_the_full_model_does(training, 
     full = training.full_order
     exact_of = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(20, 6)]
     for exact, answer in exact_of:
-        assert answer.displacement() == pytest.approx(
-            exact.displacement(), abs=1e-8 * np.abs(exact.displacement()).max()
-        )
+        field = exact.displacement()
+        assert answer.displacement() == pytest.approx(field, abs=1e-8 * np.abs(field).max())
         for again in (copy.deepcopy(model), model):
             assert again.solve(answer.parameter, outside="ignore").estimate() == answer.estimate()
 
@@ -115,10 +107,9 @@ def test_the_worst_of_many_points_is_warned_of(training):
         hhr.build(training.full_order, training.snapshots, recipe, training.held_out)
 
 
-def test_a_stack_of_free_blocks(tmp_path):
+def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
-    space = hhr.ParameterSpace(("p", "q"), (0.1, 0.0), (1.0, 1.0))
-    training = hhr.train(stack(cells=8, parameters=space), hhr.Sobol(6), held_out=0)
-    model = training.build(hhr.Recipe().as_it_is(), checked=False)
-    full = training.full_order
+    made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)))
+    training = hhr.train(made, hhr.Sobol(6), held_out=0)
+    full, model = training.full_order, training.build(hhr.Recipe().as_it_is(), checked=False)
     check(full, model, full.parameters.random(60, 1), balanced_sizes(full))

@@ -33,7 +33,7 @@ def exact():
 
 
 def answers_alike(scene, exact):
-    """Forces in the order of places along the surfaces, of a scene or of its mesh file: nodes may have other numbers."""
+    """Forces in the order of places along the surfaces, of a scene or its mesh file: nodes may have other numbers."""
     scene = scene if isinstance(scene, hhr.Scene) else your_scene.scene(scene)
     model, answer = hhr.FullOrderModel(scene, MPI.COMM_SELF), exact[1]
     found = model.solve(POINT)
