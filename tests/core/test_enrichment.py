@@ -30,6 +30,11 @@ def kappa(problem, basis, sets):
     return np.linalg.cond((problem.contact @ basis)[sets.A_lambda])
 
 
+def functions_of(problem, conditions):
+    """Finite element functions along the normal e_y of contact conditions, (N, n)."""
+    return np.eye(problem.free.size)[:, 2 * problem.contact_slaves[conditions] + 1]
+
+
 def test_rank_first_then_kappa(hertz, few_modes):
     basis, sets = few_modes
     enriched = enrich(hertz.problem, basis, sets, kappa_max=5.0)
@@ -44,11 +49,9 @@ def test_span_is_that_of_modes_and_contact_functions(hertz, few_modes):
     basis, sets = few_modes
     enriched = enrich(hertz.problem, basis, sets, kappa_max=5.0)
     assert enriched.basis.T @ enriched.basis == pytest.approx(np.eye(enriched.basis.shape[1]), abs=1e-12)
-    slaves = hertz.problem.contact_slaves[enriched.added]
-    functions = np.eye(hertz.problem.free.size)[:, 2 * slaves + 1]  # contact normal e_y
-    for columns in (basis, functions):
+    for columns in (basis, functions_of(hertz.problem, enriched.added)):
         assert enriched.basis @ (enriched.basis.T @ columns) == pytest.approx(columns, abs=1e-12)
-    assert enriched.basis.shape[1] == basis.shape[1] + len(slaves)
+    assert enriched.basis.shape[1] == basis.shape[1] + len(enriched.added)
 
 
 def test_each_choice_is_the_best_one(hertz, few_modes):
@@ -57,9 +60,7 @@ def test_each_choice_is_the_best_one(hertz, few_modes):
     path = enrich(hertz.problem, basis, sets, kappa_max=5.0)
     before = enrich(hertz.problem, basis, sets, kappa_max=path.kappas[-2] * (1 + 1e-9))
     others = []
-    for condition in np.setdiff1d(sets.A_lambda, before.added):
-        function = np.zeros(hertz.problem.free.size)
-        function[2 * hertz.problem.contact_slaves[condition] + 1] = 1.0
+    for function in functions_of(hertz.problem, np.setdiff1d(sets.A_lambda, before.added)).T:
         together, _ = np.linalg.qr(np.column_stack([before.basis, function]))
         others.append(kappa(hertz.problem, together, sets))
     assert path.kappas[-1] == pytest.approx(min(others), rel=1e-6)
@@ -73,16 +74,11 @@ def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes):
     rows = hertz.problem.contact[sets.A_lambda]
     left = list(sets.A_lambda)
     for condition in path.added[:missing]:
-        reached = rows @ basis
-        distances = []
-        columns = []
-        for other in left:
-            function = np.zeros(len(basis))
-            function[2 * hertz.problem.contact_slaves[other] + 1] = 1.0
-            columns.append(np.linalg.qr(np.column_stack([basis, function]))[0][:, -1])
-            image = rows @ columns[-1]
-            distances.append(np.linalg.norm(image - reached @ np.linalg.lstsq(reached, image, rcond=None)[0]))
-        chosen = left.index(condition)
+        reached, chosen = rows @ basis, left.index(condition)
+        functions = functions_of(hertz.problem, left).T
+        columns = [np.linalg.qr(np.column_stack([basis, function]))[0][:, -1] for function in functions]
+        images = rows @ np.transpose(columns)
+        distances = np.linalg.norm(images - reached @ np.linalg.lstsq(reached, images, rcond=None)[0], axis=0)
         assert distances[chosen] == pytest.approx(max(distances), rel=1e-9)
         basis = np.column_stack([basis, columns[chosen]])
         left.remove(condition)
@@ -147,9 +143,8 @@ def test_a_function_in_the_span_is_left_out_and_named(hertz, few_modes):
     """The basis holds one candidate to the last bit; its length is zero, and round-off of it is no direction."""
     basis, sets = few_modes
     held = sets.A_lambda[3]
-    function = np.zeros((hertz.problem.free.size, 1))
-    function[2 * hertz.problem.contact_slaves[held] + 1] = 1.0
-    enriched = enrich(hertz.problem, np.linalg.qr(np.hstack([function, basis]))[0], sets, kappa_max=1.0)
+    both = np.hstack([functions_of(hertz.problem, [held]), basis])
+    enriched = enrich(hertz.problem, np.linalg.qr(both)[0], sets, kappa_max=1.0)
     log = StageLog()
     record_enrichment(enriched, 1.0, log)
     assert list(enriched.left_out) == [held] and held not in enriched.added
@@ -166,10 +161,8 @@ def test_a_basis_that_moves_clamps_is_refused(hertz, few_modes):
 def test_conditions_that_say_the_same_are_told(pair_and_stop):
     """On an imposed master a pair is a stop: no basis helps, and more modes were advised."""
     scene = pair_and_stop[0].scene
-    master = two_blocks.side(two_blocks.FIRST, 1, True)
-    rigid = dataclasses.replace(
-        scene, displacements=(*scene.displacements, *(hhr.Displacement(master, axis) for axis in range(2)))
-    )
+    held = hhr.Displacement.clamp(two_blocks.side(two_blocks.FIRST, 1, True), 2)
+    rigid = dataclasses.replace(scene, displacements=(*scene.displacements, *held))
     training = hhr.train(rigid, hhr.Sobol(16))
     with pytest.raises(NotSolvableError, match="9 contact conditions say the same as another one"):
         training.build()
