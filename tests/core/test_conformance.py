@@ -71,15 +71,9 @@ def test_parts_that_keep_the_contract_pass(check, part, more):
 
 
 @needs("inelastic")
-@pytest.mark.parametrize(
-    "part",
-    [
-        lambda: Bingham(1.0, 20.0), lambda: lambda: hhr.Plasticity(1.0, 5.0), lambda: hhr.Plasticity(1.0),
-        lambda: hhr.Norton(2.0, 4.0),
-    ],
-)  # fmt: skip
-def test_laws_that_keep_the_contract_pass(part):
-    suite.check_law(part())
+def test_laws_that_keep_the_contract_pass():
+    for law in (Bingham(1.0, 20.0), lambda: hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)):
+        suite.check_law(law)
 
 
 def test_parts_of_another_distribution_pass(monkeypatch):
@@ -118,11 +112,7 @@ def crossed(rows):
 
 COUNT = iter(range(100))
 PAIRINGS = [
-    (
-        PUNCH,
-        lambda rows: {"gap": 2 * rows.gap},
-        "gap . grows by -2 per unit that surface 121 moves outward, and its row says -1: correct one",
-    ),
+    (PUNCH, lambda rows: {"gap": 2 * rows.gap}, "gap . grows by -2 per unit that surface 121 .* row says -1: correct"),
     (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
     (FLOOR, lambda rows: {"areas": rows.areas / 2}, r"uniform pressure by .*: correct areas or rows"),
     (NODES, crossed, "pair each slave with the place where it lies"),
@@ -149,7 +139,7 @@ class Broken:
 
     def flow(self, trial, plastic_strain, shear, dt):
         amount, slope = hhr.Plasticity(1.0, 5.0).flow(trial, plastic_strain, shear, dt)
-        return CHANGES[self.name](self, amount, slope, trial, shear, dt)
+        return CHANGES[self.name][0](self, amount, slope, trial, shear, dt)
 
 
 def softening(law, amount, slope, trial, shear, dt):
@@ -158,37 +148,28 @@ def softening(law, amount, slope, trial, shear, dt):
 
 
 CHANGES = {
-    "wrong slope": lambda law, amount, slope, *_: (amount, 0.3 * slope),
-    "half way": lambda law, amount, slope, *_: (0.5 * amount, 0.5 * slope),
-    "by time": lambda law, amount, slope, trial, shear, dt: (amount * dt, slope * dt),
-    "by mean": lambda law, amount, slope, trial, *_: (amount * trial.mean() / 1e3, slope * trial.mean() / 1e3),
-    "always": lambda law, amount, slope, *_: (amount + 1e-9, slope),
-    "back": lambda law, amount, slope, *_: (-amount, -slope),
-    "softening": softening,
-    "never": lambda law, amount, slope, *_: (0 * amount, 0 * slope),
-    "half an answer": lambda law, amount, *_: amount,
-    "hidden": lambda law, amount, slope, *_: (law.hidden * amount, law.hidden * slope),
-}
-LAWS = {
-    "wrong slope": "differences give .*: return the derivative",
-    "half way": "a second return flows on",
-    "by time": "depends on dt",
-    "by mean": "depends on other points",
-    "always": "flows without stress",
-    "back": "ConvergenceError: .* flows by -",
-    "softening": r"outside 0 to 1 / \(3 mu\)",
-    "never": "nothing flows under strains of 0.02 with young = 200",
-    "half an answer": "SceneError: the law .* must return two arrays",
-    "hidden": "from a file answers otherwise",
+    "wrong slope": (lambda law, a, slope, *_: (a, 0.3 * slope), "differences give .*: return the derivative"),
+    "half way": (lambda law, a, slope, *_: (0.5 * a, 0.5 * slope), "a second return flows on"),
+    "by time": (lambda law, a, slope, trial, shear, dt: (a * dt, slope * dt), "depends on dt"),
+    "by mean": (
+        lambda law, a, slope, trial, *_: (a * trial.mean() / 1e3, slope * trial.mean() / 1e3),
+        "depends on other points",
+    ),
+    "always": (lambda law, a, slope, *_: (a + 1e-9, slope), "flows without stress"),
+    "back": (lambda law, a, slope, *_: (-a, -slope), "ConvergenceError: .* flows by -"),
+    "softening": (softening, r"outside 0 to 1 / \(3 mu\)"),
+    "never": (lambda law, a, slope, *_: (0 * a, 0 * slope), "nothing flows under strains of 0.02 with young = 200"),
+    "half an answer": (lambda law, a, *_: a, "SceneError: the law .* must return two arrays"),
+    "hidden": (lambda law, a, slope, *_: (law.hidden * a, law.hidden * slope), "from a file answers otherwise"),
 }
 
 
 @needs("inelastic")
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", CHANGES)
 def test_broken_laws(name):
     law = Broken(name, rated=name in ("softening", "hidden"))
     law.__dict__["hidden"] = 0.9  # in no field
-    with pytest.raises(ConformanceError, match=f"Broken: .*{LAWS[name]}"):
+    with pytest.raises(ConformanceError, match=f"Broken: .*{CHANGES[name][1]}"):
         suite.check_law(law)
 
 
