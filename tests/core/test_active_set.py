@@ -36,7 +36,6 @@ def solve(schur, gap, start=None):
 
 
 def answer_of(found):
-    """What a model with one unknown would make of it."""
     return found_as(found, np.array([0.5]), np.ones(1), ElasticFields())
 
 
@@ -157,7 +156,6 @@ def test_a_singular_set_on_the_way_is_gone_round():
 
 
 def test_going_round_ends_at_the_limit():
-    """Each attempt counts, those that are singular too."""
     calls = []
 
     def equalities(active, free_slack):

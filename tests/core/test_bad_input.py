@@ -47,7 +47,6 @@ def test_parameters_by_number_sequence_and_name(hertz_reduction):
 
 
 def test_surfaces_that_do_not_match():
-    """With 4 and 5 cells along the contact."""
     tags = two_blocks.side(two_blocks.FIRST, 1, True), two_blocks.side(two_blocks.SECOND, 1, False)
     pair = hhr.NodeToNode(*tags, (0, 1))
     scene = pressed_pair("plane_strain", ((1.0, 0.3), (1.0, 0.3)), matching=False, contacts=(pair,))
@@ -193,7 +192,6 @@ class Made:
 
 
 def made(terms):
-    """A load with terms that are a function of the assembler."""
     return {"loads": (Made(terms),)}
 
 
@@ -207,14 +205,11 @@ def of_trial(v):
 
 
 def of_term(amplitude, columns=None):
-    """A load with a term on all dofs."""
     return made(lambda ask: [hhr.Term(amplitude, np.ones(ask.size) if columns is None else columns)])
 
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """An amplitude that returns what it is told to."""
-
     count: int = 1
     found: tuple = ((0,), (1.0,))
 

@@ -76,7 +76,6 @@ def aside(x):
 
 
 def shell(tilt):
-    """Two triangles' worth of a quadrilateral in space."""
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, tilt]])
     return compat.linear_mesh(MPI.COMM_WORLD, points, np.arange(4)[None], "quadrilateral"), None, None
 
@@ -117,7 +116,6 @@ def test_simplices_that_are_turned_inside_out(hypothesis):
 
 
 def test_cells_of_third_order():
-    """As gmsh makes them on request."""
 
     def make():
         body = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
@@ -161,7 +159,6 @@ def test_facets_that_no_cell_has():
 
 
 def test_a_mesh_on_another_communicator():
-    """As asked for on two ranks, with one that ignored this."""
     own = dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF))
     message = r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
     with pytest.raises(SceneError, match=message):

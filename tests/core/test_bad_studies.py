@@ -110,7 +110,6 @@ def test_options_of_demos(capsys, seed, message):
 
 @needs("studies")
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
-    """From the training to the report, with test points of one parameter in a row."""
     monkeypatch.chdir(tmp_path)
     settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
     scene = demo.scene(arc_segments=28, flat_segments=7)

@@ -34,14 +34,7 @@ def sizes_of(full, moved, forces):
 
 
 def check(full, model, points, over=None):
-    """Estimates of answers are their differences to the full model, absolute and relative; these, (n, 4), as parts.
-
-    Args:
-        full: the full model.
-        model: whose answers.
-        points: where.
-        over: sizes that relative errors are taken over in the place of the full ones, by point.
-    """
+    """Estimates are differences to the full model, absolute and over sizes, or ``over``; these, (n, 4), as parts."""
     parts = []
     for point in points:
         exact, answer = full.solve(point), model.solve(point, outside="ignore")
@@ -233,7 +226,6 @@ def test_bodies_that_move_far_and_deform_little():
     ("loads", lambda a: a[:3], "not one more than another"), ("least", lambda a: a - 1e9, "are negative"),
 ])  # fmt: skip
 def test_arrays_of_an_estimate_that_cannot_be(name, change, why, hertz_reduction, tmp_path):
-    """Signed anew after a change."""
     hhr.save_model(tmp_path / "model.npz", hertz_reduction)
     rewrite_model(tmp_path / "model.npz", array(f"fields.bound.{name}", change))
     with pytest.raises(ModelFileError, match=why):

@@ -274,8 +274,6 @@ def test_errors_of_functions_of_a_file_have_a_place(tmp_path):
 
 
 class Entry:
-    """An entry point of a package that is not there."""
-
     def __init__(self, name, value, load):
         self.name, self.value, self.dist, self.load = name, value, None, load
 

@@ -29,7 +29,6 @@ from hhr_dolfinx.command.main import hhr as command
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """Folder of a training, and what was said."""
     folder = tmp_path_factory.mktemp("trained") / "of this scene"
     found = run(*TRAIN, "--out", folder)
     assert found.returncode == 0, found.stderr
@@ -49,7 +48,6 @@ def full():
 
 
 def told(output):
-    """Numbers by name, of lines ``name: number``."""
     return {name: float(value) for name, value in (line.rsplit(": ", 1) for line in output.splitlines())}
 
 
@@ -415,7 +413,6 @@ def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkey
 
 
 def options_of(command):
-    """Options of a command and of those below it."""
     own = {word for item in command.params for word in (*item.opts, *item.secondary_opts)}
     if not hasattr(command, "list_commands"):
         return own

@@ -40,8 +40,6 @@ KNOWN = [DenseElimination]
 
 
 class Parted(Foundation):
-    """The same foundation with its parts."""
-
     def parts(self):
         names = self.problem.parameters.names
         return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
@@ -89,8 +87,6 @@ def test_parts_of_another_distribution_pass(monkeypatch):
 
 @dataclass
 class Changed:
-    """A pairing whose rows are changed."""
-
     pairing: object
     change: object
 
@@ -104,7 +100,6 @@ class Changed:
 
 
 def crossed(rows):
-    """Masters in the opposite order."""
     upper = np.isin(np.arange(rows.matrix.shape[1]) // 2, rows.slaves, invert=True)
     matrix = rows.matrix.toarray()
     return {"matrix": csr_matrix(np.where(upper, matrix[::-1], matrix))}
@@ -185,8 +180,6 @@ def test_a_law_that_is_no_plain_data():
 
 @dataclass(frozen=True)
 class Nodal:
-    """One for each node of a surface, times an amplitude."""
-
     amplitude: object
     force: float = 1.0
 
@@ -213,8 +206,6 @@ class HiddenSquare(Square):
 
 @dataclass(frozen=True)
 class Wind(WindLoad):
-    """Its amplitude is of another class."""
-
     kind: type = Square
 
     def terms(self, assembler):
@@ -337,8 +328,6 @@ class Leaning(Foundation):
 
 
 class Piling(Foundation):
-    """Adds to one vector of loads."""
-
     def equations(self, point, theta):
         problem, stiffness, loads = super().equations(point, theta)
         self.times = getattr(self, "times", 0) + 1
@@ -362,8 +351,6 @@ def test_broken_systems(system):
 
 @dataclass(frozen=True)
 class Steep(DenseElimination):
-    """Its derivatives are twice what they are."""
-
     def _changes(self, *given):
         return tuple(2 * part for part in super()._changes(*given))
 
@@ -447,7 +434,6 @@ FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml")
 
 
 def installed_too(plugin, monkeypatch):
-    """Let a plug-in count as installed."""
     every = {**registry.installed(), plugin.name: plugin}
     monkeypatch.setattr(registry, "installed", lambda: every)
     for cached in (registry.facet, registry.memories):
@@ -458,7 +444,6 @@ def installed_too(plugin, monkeypatch):
     "kind", [pytest.param(kind, marks=needs("inelastic")) if kind == "law" else kind for kind in FOLDERS]
 )
 def test_templates_work_as_they_are(kind, monkeypatch):
-    """Their tests pass, and what their manifests name is there."""
     folder = TEMPLATES / kind
     monkeypatch.syspath_prepend(str(folder))
     installed_too(importlib.import_module(f"my_{kind}").PLUGIN, monkeypatch)

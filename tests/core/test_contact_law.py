@@ -56,7 +56,6 @@ def pressures(path):
 
 @pytest.fixture
 def wear(monkeypatch):
-    """The law, whose plug-in is installed."""
     every, kept = {**registry.installed(), "my_contact_law": PLUGIN}, (registry.facet, registry.memories)
     monkeypatch.setattr(registry, "installed", lambda: every)
     for cached in kept:

@@ -19,7 +19,6 @@ from hhr_dolfinx.timing import StageLog
 
 @pytest.fixture(scope="module")
 def few_modes(hertz, hertz_snapshots):
-    """Two modes and a RID with many more contacts than that."""
     basis, _ = pod(hertz_snapshots.displacements, 1e-4)
     sets = reduced_domain(hertz.problem, hertz.problem.contact_slaves[20:30], layers=1)
     assert basis.shape[1] < len(sets.A_lambda)

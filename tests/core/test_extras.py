@@ -33,7 +33,7 @@ sys.path[:0] = {SCENE_FOLDERS!r}
 for name in {sorted(set.union(*OPTIONAL.values()))!r}:
     sys.modules[name] = None
 import hhr_dolfinx as hhr
-from scenes import pressed_block
+from scenes import pressed_block, pressed_pair
 """
 
 ELASTIC = """
@@ -57,29 +57,16 @@ NEEDED = {
     "pictures": "import hhr_dolfinx.plugins.checks.fields",
     "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
-    "mortar": """
-import dataclasses
-from hhr_dolfinx.geometries import stacked_blocks as stacked
-sides = [stacked.interface(body, 3) for body in (stacked.LOWER, stacked.UPPER)]
-lid, foot = stacked.outer_end(stacked.UPPER, 3), stacked.outer_end(stacked.LOWER, 3)
-hhr.FullOrderModel(hhr.Scene(
-    name="stacked",
-    geometry=lambda comm: stacked.stacked_blocks(comm, lower=(1, 1, 1), upper=(2, 2, 1)),
-    hypothesis="solid",
-    bodies=(hhr.Body(stacked.LOWER, 1.0, 0.3), hhr.Body(stacked.UPPER, 1.0, 0.3)),
-    contacts=(hhr.Mortar(*sides),),
-    parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
-    displacements=tuple(hhr.Displacement(tag, axis) for tag in (lid, foot) for axis in range(3)),
-))
-""",
+    "mortar": "from hhr_dolfinx.geometries.two_blocks import side\n"
+    "mortar = hhr.Mortar(side(1, 2, True), side(2, 2, False))\n"
+    "hhr.FullOrderModel(pressed_pair('solid', ((1.0, 0.3), (1.0, 0.3)), cells=1, matching=False, contacts=(mortar,)))",
 }
 
 
 def run(program, folder):
     """Run a program in a Python that has none of the optional packages."""
-    return subprocess.run(
-        [sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, cwd=folder, timeout=WAIT
-    )
+    command = [sys.executable, "-c", BLOCKED + program]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
 
 
 @pytest.fixture(scope="module")

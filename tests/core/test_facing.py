@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from needs import needs
+from scenes import slope, space
 from test_pairings_independent import make
 
 import hhr_dolfinx as hhr
@@ -52,10 +53,8 @@ def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
     points = np.vstack([upper, lower])
     names = ("whole", "whole") if whole else ("lower", "upper")
     surfaces = []
-    for tag, (sides, name, own, first) in enumerate(
-        ((upper_sides, names[0], upper, 0), (lower_sides, names[1], lower, len(upper))), 1
-    ):
-        facets = sides[name] + first
+    bodies = (upper_sides[names[0]], upper), (lower_sides[names[1]] + len(upper), lower)
+    for tag, (facets, own) in enumerate(bodies, 1):
         # what lies behind the middle of each facet, by a cell; boxes are convex seen from their own middle
         vectors = area_vectors(points[facets])
         normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
@@ -118,9 +117,8 @@ def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, who
     """
     pairing = kinds(dim)[name]
     for gap in (1.5, 0.0, -0.05):
-        surfaces, points, gaps = pair(
-            dim, 4, gap, whole=whole, triangles=triangles, bulge=BULGE, wide=name != "node to node"
-        )
+        how = {"whole": whole, "triangles": triangles, "bulge": BULGE, "wide": name != "node to node"}
+        surfaces, points, gaps = pair(dim, 4, gap, **how)
         rows = rows_of(pairing, surfaces, points, matching=False)
         rows = rows.take(np.flatnonzero(rows.slaves < 5**dim))
         assert rows.gap.size == gaps.size, f"gap {gap}"
@@ -193,22 +191,16 @@ def pressed_squares(pairing, dim, *, whole, simplices=False):
 
     tags = (2, 1) if whole else (two_blocks.side(2, up, False), two_blocks.side(1, up, True))
     below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
+    held = *hhr.Displacement.clamp(below, dim), *hhr.Displacement.clamp(above, up)
     return hhr.Scene(
         name="pressed_squares",
         geometry=geometry,
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body(1, 1e3, 0.0), hhr.Body(2, 1e3, 0.0)),
         contacts=(pairing(*tags),),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
-        displacements=(
-            *hhr.Displacement.clamp(below, dim),
-            *(hhr.Displacement(above, axis) for axis in range(up)),
-            hhr.Displacement(above, up, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
-        outputs=(
-            hhr.LargestPressure("pressure", contact=0),
-            hhr.ContactForce("force", contact=0, direction=(0.0,) * up + (1.0,)),
-        ),
+        parameters=space(down=(0.0, 0.05)),
+        displacements=(*held, hhr.Displacement(above, up, slope("down", -1.0))),
+        outputs=(hhr.LargestPressure("pressure", 0), hhr.ContactForce("force", 0, (0.0,) * up + (1.0,))),
     )
 
 

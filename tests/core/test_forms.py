@@ -7,7 +7,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc
 from mpi4py import MPI
 from needs import needs
-from scenes import pressed_block
+from scenes import pressed_block, slope, space
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
@@ -48,20 +48,16 @@ def pressed_together(hypothesis, multipliers):
     """Two blocks on meshes that do not match, all of whose common side is covered; in axisymmetry two tubes."""
     slave, master = two_blocks.side(two_blocks.SECOND, 0, False), two_blocks.side(two_blocks.FIRST, 0, True)
     held = [two_blocks.side(two_blocks.FIRST, 0, False), two_blocks.side(two_blocks.SECOND, 0, True)]
+    along = [hhr.Displacement(tag, 1) for tag in held]
+    boxes = {"first": ((1.0, 0.0), (2.0, 1.0), (2, 3)), "second": ((2.1, 0.0), (3.0, 1.0), (2, 5))}
     return hhr.Scene(
         name="pressed_together",
-        geometry=lambda comm: two_blocks.two_blocks(
-            comm, first=((1.0, 0.0), (2.0, 1.0), (2, 3)), second=((2.1, 0.0), (3.0, 1.0), (2, 5))
-        ),
+        geometry=lambda comm: two_blocks.two_blocks(comm, **boxes),
         hypothesis=hypothesis,
         bodies=(hhr.Body(two_blocks.FIRST, 3.0, 0.3), hhr.Body(two_blocks.SECOND, 2.0, 0.2)),
         contacts=(hhr.Mortar(slave, master, multipliers=multipliers),),
-        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.2,)),
-        displacements=(
-            *(hhr.Displacement(tag, 1) for tag in held),
-            hhr.Displacement(held[0], 0),
-            hhr.Displacement(held[1], 0, hhr.Amplitude(slopes={"push": -1.0})),
-        ),
+        parameters=space(push=(0.0, 0.2)),
+        displacements=(*along, hhr.Displacement(held[0], 0), hhr.Displacement(held[1], 0, slope("push", -1.0))),
     )
 
 

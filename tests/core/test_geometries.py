@@ -34,7 +34,6 @@ def session():
 
 
 def cells(tagged):
-    """Number of cells of a tagged mesh."""
     mesh = tagged[0]
     return mesh.topology.index_map(mesh.topology.dim).size_global
 

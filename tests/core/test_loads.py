@@ -47,7 +47,6 @@ def windy_column():
 
 
 def pressure_of(scene, mu):
-    """Closed form of the pressure on the floor."""
     if scene.parameters.names == ("speed",):
         return max(0.05 * mu[0] ** 2 - YOUNG * GAP / HEIGHT, 0.0)
     return max(mu[0] * HEIGHT / 2 + YOUNG * (mu[1] - GAP) / HEIGHT, 0.0)
@@ -71,7 +70,6 @@ def test_loads_of_a_users_own(scene, counts):
 
 
 def test_loads_on_two_ranks():
-    """Closed forms again, and errors that all ranks raise alike."""
     program = (
         f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
         "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
@@ -138,17 +136,12 @@ def test_amplitudes_are_counted_one_after_another():
 
 @dataclasses.dataclass(frozen=True)
 class Astray:
-    """An amplitude of one column that answers as it should in the middle of the box, where it is tried, and below.
-
-    Attributes:
-        answer: what it returns above.
-    """
+    """An amplitude that answers as it should in the middle of the box, where it is tried, and below; astray above."""
 
     answer: tuple
     count = 1
 
     def __call__(self, point):
-        """Its column and its value, or what leads astray."""
         return self.answer if point[0] > 0.05 else ([0], [point[0]])
 
 
@@ -221,8 +214,6 @@ def test_a_formula_of_a_displacement_is_checked_as_others_are():
 
 @dataclasses.dataclass(frozen=True)
 class Wave:
-    """An amplitude that knows no derivative of its own."""
-
     count: int = 1
 
     def __call__(self, point):

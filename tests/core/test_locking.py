@@ -62,12 +62,7 @@ PUNCH = 99
 
 
 def punched(per_unit, thickness=None):
-    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain.
-
-    Args:
-        per_unit: cells per unit of length.
-        thickness: of the same block in space, one cell thick; None for the plane.
-    """
+    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain or one cell thick."""
     layer = () if thickness is None else (0.0, thickness)
     cells = (4 * per_unit, 2 * per_unit, *(1 for _ in layer[1:]))
 
@@ -94,7 +89,6 @@ def punched(per_unit, thickness=None):
 
 
 def pushed(full, depth, steps):
-    """History of the punch down to a depth."""
     return full.march([(k, np.array([depth * k / steps])) for k in range(steps + 1)])
 
 
@@ -125,13 +119,11 @@ def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
 
 
 def distorted(dim):
-    """Two elastic blocks whose cells are no rectangles."""
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
     return patch.scene(hhr.Mortar, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
 
 
 def with_bodies(scene, **changes):
-    """The scene with all of its bodies changed."""
     return dataclasses.replace(scene, bodies=tuple(dataclasses.replace(body, **changes) for body in scene.bodies))
 
 
@@ -146,7 +138,6 @@ def moved(A, C, r):
 
 
 def answers(scene, pressure):
-    """Model and answer by the elastic model and by that in time."""
     elastic = hhr.FullOrderModel(scene)
     yield elastic, elastic.solve(pressure)
     if present("inelastic"):

@@ -23,7 +23,6 @@ def yielding():
 
 
 def family(scene):
-    """Loaded to a pressure."""
     own = hhr.ParameterSpace(("to",), (0.1,), (2.0,))
     return hhr.PathFamily("load", scene.parameters, own, {"p": 0.0}, (hhr.Leg({"p": "to"}, 1.0, 4),))
 

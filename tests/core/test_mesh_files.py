@@ -43,7 +43,6 @@ def answers_alike(scene, exact):
 
 
 def by_numbers(scene):
-    """The scene with numbers in the place of names."""
     numbers = {name: int(tag) for name, (tag, _) in MESH.field_data.items()}
     return dataclasses.replace(
         scene,

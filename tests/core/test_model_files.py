@@ -59,8 +59,6 @@ OUTPUTS = (
 
 
 class Made(dict):
-    """What is made when somebody asks for it first."""
-
     def __init__(self, make):
         super().__init__()
         self.make = make
@@ -71,7 +69,6 @@ class Made(dict):
 
 
 def corrected(full, known):
-    """Condensed flow of some histories."""
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     return hhr.build(full, known, CorrectionSettings(attempts=1, trust=None))
@@ -102,7 +99,6 @@ def models():
 
 @pytest.fixture(scope="module")
 def kept(models, tmp_path_factory):
-    """Their files by kind."""
     folder = tmp_path_factory.mktemp("kept")
 
     def saved(kind):
@@ -115,7 +111,6 @@ def kept(models, tmp_path_factory):
 
 @pytest.fixture
 def file(kept, tmp_path):
-    """A copy of a file, to be changed."""
 
     def of(kind="pellet"):
         (tmp_path / "model.npz").write_bytes(kept[kind].read_bytes())
@@ -141,7 +136,6 @@ def answers_of(model):
 
 
 def bits(model):
-    """All that a model answers, to the last bit."""
     found = []
     for answer in answers_of(model):
         parts = [answer.parameter, answer.unknown, answer.multipliers, answer.displacement(), answer.forces()]
@@ -352,8 +346,6 @@ def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp
 
 
 class Careless:
-    """A law that is no data."""
-
     def flow(self, trial, plastic_strain, shear, dt):
         return 0 * trial, 0 * trial
 
@@ -439,7 +431,6 @@ def test_nothing_that_flowed_in_training(models, tmp_path):
 @needs("inelastic")
 @pytest.mark.parametrize("how", ["points of the RID", "condensed"])
 def test_models_in_space_come_back(how, tmp_path):
-    """Of six components, not four."""
     law = hhr.Plasticity(0.02, 0.5)
     scene = pressed_block("solid", cells=2)
     scene = replace(scene, bodies=(replace(scene.bodies[0], law=law),))

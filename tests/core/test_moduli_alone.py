@@ -34,7 +34,6 @@ def training():
 
 @pytest.fixture
 def alone(monkeypatch):
-    """No plug-in is installed."""
     monkeypatch.setattr(registry, "installed", dict)
 
 

@@ -298,7 +298,6 @@ ELSEWHERE = {
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """Numbers by the number of ranks."""
     folder = str(tmp_path_factory.mktemp("snapshots"))
     parts = (PROGRAM, *(part for plugin, part in OF_PLUGINS.items() if present(plugin)), SHOWN)
     program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)

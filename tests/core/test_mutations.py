@@ -152,7 +152,6 @@ def huge_array(size):
 
 
 def bomb(method):
-    """A megabyte that holds a gigabyte of zeros."""
     start = description(b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }")
     content = bytearray(archive({"header.npy": [start, *[bytes(2**20)] * 1024]}, zipfile.ZIP_DEFLATED))
     if method == "stored":  # as if its gigabyte lay in the file as it is
