@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -244,14 +245,18 @@ def test_two_files_of_one_name_are_two(tmp_path):
 def test_code_made_from_text_is_nobodys_file(tmp_path, monkeypatch):
     """Beside the scene <string> would lie in its folder: dataclasses raise from there."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene_here.py").write_text("import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\n")
-    hold = find("scenes", "scene_here.py:hold")
-    with pytest.raises(SceneError) as caught:
-        hold()
-    assert place_of(caught.value) == "scene_here.py, line 3"
-    with pytest.raises(SceneError) as caught:
-        hhr.Displacement(1, -1)
-    assert place_of(caught.value) == ""
+    (tmp_path / "scene_here.py").write_text(
+        "import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\ndef divided():\n    return 1 / 0\n"
+    )
+    for make, error, place in (
+        (find("scenes", "scene_here.py:hold"), SceneError, "scene_here.py, line 3"),
+        (find("scenes", "scene_here.py:divided"), ZeroDivisionError, "scene_here.py, line 5"),
+        (lambda: hhr.Displacement(1, -1), SceneError, ""),
+        (lambda: np.zeros(3).reshape(2, 2), ValueError, ""),
+    ):
+        with pytest.raises(error) as caught:
+            make()
+        assert place_of(caught.value) == place
 
 
 def test_a_file_does_not_take_the_place_of_a_module(tmp_path):
@@ -262,22 +267,6 @@ def test_a_file_does_not_take_the_place_of_a_module(tmp_path):
         _ = json.scene
 
 
-def test_errors_of_functions_of_a_file_have_a_place(tmp_path):
-    path = tmp_path / "late_mistake.py"
-    path.write_text("def scene():\n    return 1 / 0\n")
-    with pytest.raises(ZeroDivisionError) as caught:
-        find("scenes", str(path))()
-    assert place_of(caught.value) == "late_mistake.py, line 2"
-    with pytest.raises(ValueError) as caught:
-        np.zeros(3).reshape(2, 2)
-    assert place_of(caught.value) == ""
-
-
-class Entry:
-    def __init__(self, name, value, load):
-        self.name, self.value, self.dist, self.load = name, value, None, load
-
-
 class Entries(list):
     names = property(lambda self: {point.name for point in self})
 
@@ -286,9 +275,9 @@ def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkey
     def leave():
         raise SystemExit(3)
 
-    twice = [Entry("Twice", "a:X", int), Entry("Twice", "b:X", float)]
-    same = [Entry("Same", "a:Y", dict), Entry("Same", "a:Y", dict)]
-    points = Entries([*twice, *same, Entry("Leaves", "a:Z", leave), Entry("Mortar", "a:M", list)])
+    given = ("Twice", "a:X", int), ("Twice", "b:X", float), ("Same", "a:Y", dict), ("Same", "a:Y", dict)
+    given = *given, ("Leaves", "a:Z", leave), ("Mortar", "a:M", list)
+    points = Entries(SimpleNamespace(name=name, value=value, load=load, dist=None) for name, value, load in given)
     monkeypatch.setattr(by_name.importlib.metadata, "entry_points", lambda group: points)
     with pytest.raises(SceneError, match="'Twice' stands for 'a:X' of a:X and 'b:X' of b:X"):
         find("pairings", "Twice")
