@@ -284,7 +284,7 @@ def test_points_of_one_parameter_need_no_column(hertz):
         hhr.compute_snapshots(hertz, [[0.2, 0.4]])
 
 
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, 2.0, np.nan])
 def test_pod_tolerance(hertz, hertz_snapshots, tolerance):
     with pytest.raises(ReductionError, match=r"\(0, 1\)"):
         hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance))

@@ -7,7 +7,6 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 import sphere_on_block
-from kept_values import array, rewrite_model
 from needs import needs, present
 from scenes import THESIS, pressed_pair, slope, space
 from test_outputs import small_pellet
@@ -16,7 +15,7 @@ from tubes import tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.differences import energy_coordinates, exact_difference
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
+from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.bounds import contact_response
 
@@ -219,14 +218,3 @@ def test_bodies_that_move_far_and_deform_little():
         moved, field = answer.displacement() - exact.displacement(), exact.displacement() - far
         error, size = (np.sqrt(value @ (stiffness @ value)) for value in (moved, field))
         assert error <= answer.estimate().primal_relative * size * (1 + 1e-6) + 1e-14
-
-
-@pytest.mark.parametrize(("name", "change", "why"), [
-    ("schur", lambda a: 0 * a, "positive definite"), ("schur", lambda a: np.tril(a), "not symmetric"),
-    ("loads", lambda a: a[:3], "not one more than another"), ("least", lambda a: a - 1e9, "are negative"),
-])  # fmt: skip
-def test_arrays_of_an_estimate_that_cannot_be(name, change, why, hertz_reduction, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", hertz_reduction)
-    rewrite_model(tmp_path / "model.npz", array(f"fields.bound.{name}", change))
-    with pytest.raises(ModelFileError, match=why):
-        hhr.load_model(tmp_path / "model.npz")

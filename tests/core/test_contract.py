@@ -1,9 +1,6 @@
 """One contract: all kinds of models, all verbs, all places; what is refused is refused by name, on the page too."""
 
 import contextlib
-import json
-import subprocess
-import sys
 import threading
 import warnings
 from pathlib import Path
@@ -90,41 +87,6 @@ def test_only_what_needs_a_mesh_or_a_bound_is_refused(cases):
     assert {case.verb for case in others if case.place == "in memory"} <= {"make"}
     assert {case.verb for case in others} <= {"make", "stress", "answer"}
     assert {(case.verb, case.kind) for case in refused if case.verb == "gradient"} <= HOLES
-
-
-ALONE = """
-import sys
-sys.modules.update(dict.fromkeys(["dolfinx_solver", "dolfinx", "ufl", "basix", "petsc4py", "mpi4py", "slepc4py",
-                                  "gmsh", "meshio", "shapely", "sklearn", "matplotlib", "pyvista", "resource"]))
-import json
-import hhr_dolfinx as hhr
-found = {}
-for name, mu in json.loads(sys.argv[1]).items():
-    answer = hhr.load_model(f"{name}.npz").solve(mu, outside="ignore")
-    found[name] = [answer.forces().tolist(), float(abs(answer.displacement()).max()), answer.outputs()["force"]]
-print(json.dumps(found))
-"""
-
-
-def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
-    """In another process, with numba where bodies flow; no module of DOLFINx, PETSc or MPI, no ``resource``."""
-    asked, expected = {}, {}
-    for number, kind in enumerate(contract.KINDS):
-        with contextlib.suppress(NotOfferedError):
-            model = contract.model_of(kind)
-            hhr.save_model(tmp_path / f"{number}.npz", model)
-            asked[str(number)] = contract.KINDS[kind].mu
-            expected[str(number)] = model.solve(asked[str(number)], outside="ignore")
-    assert len(asked) == 19 or not present(*ALL)
-    command = [sys.executable, "-c", ALONE, json.dumps(asked)]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert run.returncode == 0, run.stderr[-3000:]
-    for number, (forces, largest, peak) in json.loads(run.stdout).items():
-        answer = expected[number]
-        # another library of linear algebra, and for flow iterations that end a little elsewhere
-        assert forces == pytest.approx(answer.forces(), rel=1e-9, abs=1e-9 * answer.forces().max())
-        assert largest == pytest.approx(np.abs(answer.displacement()).max(), rel=1e-9)
-        assert peak == pytest.approx(answer.outputs()["force"], rel=1e-9)
 
 
 class Failing(Elimination):

@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import logging
-import pickle
 
 import contract
 import numpy as np
@@ -152,20 +151,6 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert (np.linalg.norm(off, axis=1) <= said.forces_euclid).all()
     assert (np.abs(off / full.problem.contact_areas).max(axis=1) <= said.pressure).all()
     assert local.known_error == reduced.known_error
-
-
-@needs("moduli")
-def test_files_and_copies_say_the_same(reduced, condensed, tmp_path):
-    for name, model in (("reduced", reduced), ("condensed", condensed)):
-        hhr.save_model(tmp_path / f"{name}.npz", model)
-        point = model.parameters.random(1, 4)[0]
-        expected = model.solve(point, outside="ignore").estimate()
-        for other in (hhr.load_model(tmp_path / f"{name}.npz"), pickle.loads(pickle.dumps(model))):
-            # errors of 1e-6 are differences, in which last digits of PETSc and LAPACK count more
-            found = other.solve(point, outside="ignore").estimate()
-            assert found.kind == expected.kind and found.outputs.keys() == expected.outputs.keys()
-            assert found.shown() == pytest.approx(expected.shown(), rel=1e-4, abs=1e-12)
-            assert other.known_error == model.known_error
 
 
 # ---------------------------------------------------------------- where contact is lost

@@ -82,15 +82,6 @@ def test_derivatives_of_what_is_read_of_fields_are_differences(model):
         assert answer.outputs().gradient["gap"][axis] == pytest.approx((ends[1] - ends[0]) / (2 * step), abs=1e-9)
 
 
-def test_files_answer_alike(model, tmp_path):
-    hhr.save_model(tmp_path / "leaning.npz", model)
-    stored = hhr.load_model(tmp_path / "leaning.npz")
-    for point in model.parameters.random(5, 8):
-        mine, theirs = (one.solve(point, outside="ignore") for one in (stored, model))
-        assert mine.displacement().tobytes() == theirs.displacement().tobytes()
-        assert mine.estimate() == theirs.estimate()
-
-
 @needs("fallback")
 def test_a_safe_model_keeps_its_word(training):
     safe = training.safe_model(0.01, checked=False)

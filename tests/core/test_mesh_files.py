@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import your_scene
 from dolfinx import io
-from libraries import needs_med
 from mpi4py import MPI
 from needs import needs
 from scenes import largest_difference
@@ -18,7 +17,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import degree_of, netcdf4
 from hhr_dolfinx.errors import FileContentError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries.raw_mesh import Numbers
 
 POINT = {"travel": 0.9, "lowered": 0.0}
 MESH = meshio.read(your_scene.MESH)
@@ -126,25 +124,10 @@ def as_abaqus(path, *, nodes=False, quoted=False):
     return path
 
 
-def by_gmsh(path):
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.open(str(your_scene.MESH))
-    gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
-    gmsh.write(str(path))
-    gmsh.finalize()
-    return path
-
-
 @pytest.mark.parametrize("how", ["surfaces", "sets of nodes", "quoted names"])
 def test_a_deck_of_abaqus_gives_the_same_answer(how, tmp_path, exact):
     path = as_abaqus(tmp_path / "mesh.inp", nodes=how == "sets of nodes", quoted=how == "quoted names")
     answers_alike(path, exact)
-
-
-@pytest.mark.parametrize("name", [pytest.param("mesh.med", marks=needs_med), "old.msh"])
-def test_what_gmsh_writes_gives_the_same_answer(name, tmp_path, exact):
-    answers_alike(by_gmsh(tmp_path / name), exact)
 
 
 @needs("exporters")
@@ -192,21 +175,6 @@ def test_a_file_in_other_units(tmp_path, exact):
     meshio.gmsh.write(tmp_path / "m.msh", small, fmt_version="2.2")
     scene = dataclasses.replace(your_scene.scene(), geometry=hhr.MeshFile(tmp_path / "m.msh", scale=1e3))
     answers_alike(scene, exact)
-
-
-@pytest.mark.parametrize("kind", ["quad", "hexahedron"])
-def test_bricks_keep_their_volume(kind, tmp_path):
-    """Two unit cells side by side; their corners come in another order than DOLFINx wants."""
-    dim = 2 if kind == "quad" else 3
-    points = np.array([[x, y, z] for z in range(dim - 1) for y in (0.0, 1) for x in (0.0, 1, 2)])
-    side = np.array([[0, 1, 4, 3], [1, 2, 5, 4]])
-    meshio.Mesh(points, [(kind, side if dim == 2 else np.hstack([side, side + 6]))]).write(tmp_path / "c.vtk")
-    found = hhr.MeshFile(tmp_path / "c.vtk")(MPI.COMM_SELF)[0]
-    from dolfinx import fem
-    from ufl import dx
-
-    one = fem.Constant(found, 1.0)
-    assert fem.assemble_scalar(fem.form(one * dx(found))) == pytest.approx(2.0, rel=1e-12)
 
 
 def of_second_order(kind, incomplete, folder):
@@ -302,16 +270,6 @@ def test_second_order_from_xdmf(tmp_path):
         file.write_meshtags(tags, curved.geometry)
     mesh, _, facets, *_ = hhr.MeshFile(tmp_path / "m.xdmf")(MPI.COMM_SELF)
     assert degree_of(mesh) == 2 and len(facets.indices) == 3
-
-
-def test_sets_that_overlap_have_numbers_for_what_they_share():
-    sets = {"all": np.arange(6), 3: np.array([0, 1]), "a": np.array([0, 1]), "b": np.array([1, 2]), 9: np.array([5])}
-    found = Numbers.of(sets, 8)
-    assert found.items.tolist() == [0, 1, 2, 3, 4, 5]
-    for name, members in sets.items():
-        assert sorted(found.items[np.isin(found.values, found.sets[name])].tolist()) == sorted(members.tolist())
-    alone = Numbers.of({3: np.array([0, 1]), "a": np.array([0, 1]), "b": np.array([2])}, 3)
-    assert alone.sets[3] == alone.sets["a"] == (3,)
 
 
 def test_overlapping_sets_of_a_deck_are_surfaces_and_bodies(tmp_path, exact):
