@@ -1,20 +1,17 @@
 """Bodies that nothing but contact holds: equilibrium, what they rest on, what is free after that, reduced models."""
 
 import dataclasses
-import json
 import warnings
 
 import gmsh
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from needs import needs
 from scenes import block_scene, slope, slope_errors, space
 from scipy.optimize import minimize, nnls
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -171,34 +168,6 @@ def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
     rhs = np.concatenate([-np.linalg.solve(lower, slack), stiff * driving])
     other = nnls(np.vstack([lower.T, stiff * taken.T]), rhs)[0]
     np.testing.assert_allclose(found.forces, other, atol=1e-4 * size)
-
-
-PROGRAM = """
-import json, sys, warnings
-sys.path[:0] = {folders!r}
-warnings.simplefilter("ignore")
-import hhr_dolfinx as hhr
-import test_floating, your_scene
-from mpi4py import MPI
-found = {{}}
-for name, scene, point in (("floating", test_floating.scene(tilt=0.2), 4.0), ("file", your_scene.scene(), (0.9, 0.1)),
-                           ("deck", your_scene.from_abaqus(), (0.9, 0.1))):
-    model = hhr.FullOrderModel(scene)
-    answer = model.solve(point)
-    found[name] = answer.forces().tolist(), list(answer.outputs().values.values()) if scene.outputs else []
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-def test_ranks_change_no_motion_and_no_name():
-    """Bodies held by contact and mesh files on 1, 2 and 3 ranks: round-off."""
-    program = PROGRAM.format(folders=SCENE_FOLDERS)
-    one, *others = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3))
-    for other in others:
-        for name, (forces, outputs) in one.items():
-            assert other[name][0] == pytest.approx(forces, abs=1e-9 * max(forces)), name
-            assert other[name][1] == pytest.approx(outputs, rel=1e-9), name
 
 
 def ring_on_shaft(pairing):
