@@ -94,14 +94,6 @@ def test_training_says_each_thing_once(trained):
     assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)
 
 
-def test_a_second_training_goes_on_from_the_first(trained):
-    folder, found = trained
-    before = (folder / "hhr.npz").stat().st_mtime_ns
-    again = run(*TRAIN, "--out", folder)
-    assert again.returncode == 0 and f"112 of 112 answers were read from {folder / 'snapshots'}" in again.stdout
-    assert (folder / "hhr.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
-
-
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
     words = [sys.executable, *PROGRAM, "train", DEMO, "--sobol", "128", "--out", str(tmp_path)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
@@ -118,14 +110,6 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "hhr.npz").exists()
     again = run(*words[3:])
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
-
-
-@needs("tables")
-def test_answers_do_not_replace_their_questions(trained, tmp_path):
-    questions = tmp_path / "q.csv"
-    questions.write_text("travel,lowered\n0.5,0.1\n")
-    code, output = invoke("answer", trained[0] / "hhr.npz", questions, "--out", questions)
-    assert code == 2 and "holds the questions" in output and questions.read_text().startswith("travel")
 
 
 def test_scene_and_model_answer_alike(trained, full, model):
@@ -360,6 +344,8 @@ MISTAKES = [
     (2, "--grid 4;4 must be counts", ["train", DEMO, "--grid", "4;4"]),
     (3, "counts [4] of a grid must be 2", ["train", DEMO, "--grid", "4"]),
     (3, "tolerance = nan", ["train", DEMO, "--greedy", "nan"]),
+    *((2, "is no part: write 3/8", ["train", DEMO, "--part", part]) for part in ("0/3", "4/3", "x", "1/2/3", "1")),
+    (2, "holds the questions", ["answer", "MODEL", "good.csv", "--out", "good.csv"]),
     (3, "there is no table", ["answer", "MODEL", "no.csv"]),
     (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
     (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
@@ -389,27 +375,30 @@ MISTAKES = [
 ]
 
 
+def contents():
+    """All that lies in this folder, by its path."""
+    paths = [path for path in Path().rglob("*") if "__pycache__" not in str(path)]
+    return {path: path.is_file() and path.read_bytes() for path in paths}
+
+
 @pytest.mark.parametrize(
     ("code", "said", "words"),
     [row for row in MISTAKES if present(*(plugin for word, plugin in WORDS.items() if word in row[2]))],
     ids=lambda item: " ".join(item)[-60:] if isinstance(item, list) else "",
 )
 def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkeypatch):
+    """And leave all files as they were."""
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
         Path(name).write_bytes(text.encode() if isinstance(text, str) else text)
     for name in ("folder", "folder.vtu", "folder.csv"):
         Path(name).mkdir()
-    before = sorted(Path().rglob("*"))
-    places = {
-        "MODEL": trained[0] / "hhr.npz",
-        "FOLDER": trained[0],
-        "FOLDER/condensed.npz": trained[0] / "condensed.npz",
-    }
+    before = contents()
+    folder = trained[0]
+    places = {"MODEL": folder / "hhr.npz", "FOLDER": folder, "FOLDER/condensed.npz": folder / "condensed.npz"}
     found, output = invoke(*(places.get(word, word) for word in words))
     assert found == code and said in output, output
-    after = [path for path in sorted(Path().rglob("*")) if "__pycache__" not in str(path)]
-    assert code not in (2, 3) or after == before
+    assert code not in (2, 3) or contents() == before
 
 
 def options_of(command):
@@ -556,9 +545,3 @@ def test_parts_of_a_training_and_of_a_table(tmp_path):
         assert code == 0, output
         found += columns_of(tmp_path / f"a.{part}of2.csv")["travel"]
     assert [float(value) for value in found] == points[:, 0].tolist()
-
-
-@pytest.mark.parametrize("part", ["0/3", "4/3", "x", "1/2/3", "1"])
-def test_what_is_no_part_is_refused(part, tmp_path):
-    code, output = invoke(*TRAIN, "--out", tmp_path, "--part", part)
-    assert code == 2 and "is no part: write 3/8" in output

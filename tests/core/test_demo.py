@@ -137,9 +137,3 @@ def test_readme_history_runs():
     for name, values in found.items():
         known = getattr(exact, name)()
         assert np.linalg.norm(values - known) < 1e-2 * np.linalg.norm(known), name
-
-
-def test_command_line_help():
-    command = [sys.executable, str(ROOT / "benchmarks/thesis/hertz_half_discs.py"), "--help"]
-    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert all(option in text for option in ("--out", "--quick", "--seed"))

@@ -77,13 +77,6 @@ def test_loads_on_two_ranks():
     assert launch(2, ["-c", program]).count("all is well") == 2
 
 
-def test_a_column_stands_on_all_of_its_weight():
-    """Let down by as much as it is shortened by its weight, its top carries nothing."""
-    full, weight = hhr.FullOrderModel(heavy_column()), 0.05
-    found = full.solve((weight, GAP + weight * HEIGHT**2 / (2 * YOUNG)))
-    assert found.forces().sum() == pytest.approx(weight * HEIGHT * WIDTH, rel=1e-10)
-
-
 def test_weight_in_axisymmetry():
     """The forms carry the weight of the hypothesis: a cylinder of radius 1.5 weighs pi 1.5^2 HEIGHT."""
     weight = Weight(block.SOLID, (0.0, -1.0), slope("weight"))
