@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bare import python
 from needs import needs, present
 
 import hhr_dolfinx as hhr
@@ -74,19 +75,13 @@ def installed(tmp_path_factory):
     return os.environ | {"PYTHONPATH": str(folder / "there"), "OMP_NUM_THREADS": "1"}
 
 
-def run(installed, *arguments, cwd=None):
-    return subprocess.run([sys.executable, *arguments], env=installed, capture_output=True, text=True, cwd=cwd)
-
-
 def hhr_command(installed, cwd, *words):
-    return run(installed, "-m", "hhr_dolfinx.command.main", *words, cwd=cwd)
+    return python("-m", "hhr_dolfinx.command.main", *words, code=None, env=installed, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
 def used(installed):
-    found = run(installed, "-c", USE, *(["inelastic"] if present("inelastic") else []))
-    assert found.returncode == 0, found.stderr
-    return json.loads(found.stdout)
+    return json.loads(python("-c", USE, *(["inelastic"] if present("inelastic") else []), env=installed).stdout)
 
 
 def test_an_installed_package_is_listed_beside_our_own(used):
@@ -129,8 +124,7 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
         "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"
         "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
     )
-    found = run(installed, "-c", program, cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
+    python("-c", program, env=installed, cwd=tmp_path)
     said = hhr_command(installed, tmp_path, "slabs")
     assert said.returncode == 0 and said.stdout == "a slab is 3.0 wide\n"
     assert (tmp_path / "note.txt").read_text() == "slab"

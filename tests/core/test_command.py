@@ -14,7 +14,7 @@ from pathlib import Path
 import contract
 import numpy as np
 import pytest
-from bare import WAIT
+from bare import WAIT, python
 from needs import needs, present
 from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, TRAIN, invoke, run
 from test_mpi import run_program
@@ -470,11 +470,9 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
 
 def test_without_click_the_command_says_so_in_one_line():
     program = "import sys; sys.modules['click'] = None; from hhr_dolfinx.command.start import main; main()"
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
-    assert found.returncode == 3 and found.stdout == ""
-    assert found.stderr == (
-        "error: the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`\n"
-    )
+    found = python("-c", program, code=3)
+    why = "the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`"
+    assert (found.stdout, found.stderr) == ("", f"error: {why}\n")
     scripts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
     assert scripts == {"hhr": "hhr_dolfinx.command.start:main"}
 

@@ -1,13 +1,11 @@
 """Without what is optional a matching elastic scene is reduced, and what needs it says how to get it."""
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS, python
 from needs import present
 
 from hhr_dolfinx import compat
@@ -63,19 +61,16 @@ NEEDED = {
 }
 
 
-def run(program, folder):
-    """Run a program in a Python that has none of the optional packages."""
-    command = [sys.executable, "-c", BLOCKED + program]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
+def run(program, folder, code=0):
+    """A program in a Python that has none of the optional packages."""
+    return python("-c", BLOCKED + program, code=code, cwd=folder)
 
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory):
     """Modules that an elastic scene loads from the training to the model read back from its file."""
     folder = tmp_path_factory.mktemp("elastic")
-    done = run(ELASTIC, folder)
-    assert done.returncode == 0, done.stderr[-2000:]
-    status, error = done.stdout.split()
+    status, error = run(ELASTIC, folder).stdout.split()
     assert status == "CONVERGED" and abs(float(error)) < 1e-9
     return set((folder / "modules").read_text().split())
 
@@ -97,9 +92,8 @@ OF_PLUGINS = {"doors": "doors", "local": "local", "pictures": "checks", "tables"
 
 @pytest.mark.parametrize("name", [name for name in NEEDED if name not in OF_PLUGINS or present(OF_PLUGINS[name])])
 def test_where_an_extra_is_needed_the_error_names_it(name, tmp_path):
-    done = run(NEEDED[name], tmp_path)
-    last = done.stderr.strip().splitlines()[-1]
-    assert done.returncode == 1 and last.startswith("hhr_dolfinx.errors.MissingPackageError"), done.stderr[-2000:]
+    last = run(NEEDED[name], tmp_path, code=1).stderr.strip().splitlines()[-1]
+    assert last.startswith("hhr_dolfinx.errors.MissingPackageError"), last
     assert f"pip install hhr_dolfinx[{name}]" in last
     assert any(f"the package {package}" in last for package in OPTIONAL[name])
 

@@ -1,19 +1,23 @@
-"""The house as docs/architecture.md draws it: who may import what, sizes, types, one clock, and what a scene loads."""
+"""The house as docs/architecture.md draws it: imports, sizes, types, one clock, what a scene loads; figures of README."""
 
 import ast
 import doctest
 import functools
 import graphlib
 import importlib
+import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
+import figures
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS, python
+from mpi4py import MPI
 from needs import OURS, needs, present
+
+import hhr_dolfinx as hhr
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
@@ -142,7 +146,7 @@ runpy.run_path("setup.py")
 
 def test_every_folder_is_installed():
     """Packages are found, by setup.py: a folder without an ``__init__`` would be left out."""
-    found = subprocess.run([sys.executable, "-c", FOUND], cwd=ROOT, capture_output=True, text=True, check=True)
+    found = python("-c", FOUND, cwd=ROOT)
     folders = {name if path.name == "__init__.py" else name.rpartition(".")[0] for name, path in MODULES.items()}
     assert set(found.stdout.split()) == folders
 
@@ -252,8 +256,7 @@ def modules_of_a_study(program, folder):
         "study.write(Path('.'), Console(quiet=True))\n"
         "print(*sys.modules, sep='\\n', file=open('modules', 'w'))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, timeout=WAIT)
-    assert run.returncode == 0, run.stderr[-3000:]
+    python("-c", program, cwd=folder)
     assert (folder / "report.json").exists() and (folder / "study.npz").exists()
     found = set((folder / "modules").read_text().split())
     assert "hhr_dolfinx.reduction.build" in found
@@ -353,3 +356,54 @@ def test_slow_cases_are_those_of_tests_that_are_there():
         file, _, name = line.partition("::")
         if file in texts or present(*known):  # else it went with its plug-in
             assert f"def {name.partition('[')[0]}(" in texts[file], line
+
+
+README = figures.README.read_text()
+KEPT = json.loads(figures.FILE.read_text())
+DOCS = sorted((figures.ROOT / "docs").glob("*.md"))
+QUOTED = re.compile(r"\d[\d.,]* ?(?:ms|us|µs|%|times)(?![\w-])|\d+ queries")
+"""A time of an answer, a ratio, an error, or a break-even."""
+
+
+def test_the_table_of_readme_is_that_of_the_file():
+    assert figures.with_table(README, KEPT) == README
+    assert KEPT
+
+
+def test_a_changed_figure_is_seen():
+    name = next(iter(KEPT))
+    changed = KEPT | {name: KEPT[name] | {"N": KEPT[name]["N"] + 1}}
+    assert figures.with_table(README, changed) != README
+
+
+def test_readme_quotes_no_figure_outside_of_the_table():
+    """Options of commands in its blocks of code, such as a tolerance, are no figures."""
+    before, rest = README.split(figures.BEGIN)
+    text = re.sub(r"```.*?```", "", before + rest.split(figures.END)[1], flags=re.DOTALL)
+    text = re.sub(r"`[^`]*`", "", text)
+    assert QUOTED.findall(text) == []
+    found = QUOTED.findall("69 ms, 208 times, 0.10 / 0.21 %, 47 queries")
+    assert found == ["69 ms", "208 times", "0.21 %", "47 queries"]
+
+
+def test_scripts_of_the_table_are_there_and_make_runs_them():
+    makefile = (figures.ROOT / "Makefile").read_text()
+    assert set(KEPT) <= set(figures.SOURCES)
+    for source in figures.SOURCES.values():
+        assert (figures.ROOT / source.script).exists()
+        assert re.search(rf"^{source.target}: setup\n\t.venv/bin/python {source.script}", makefile, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_sizes_in_the_file_are_those_of_the_scenes():
+    """Sizes are counted again where that takes seconds; times and errors are those of the day that the file names."""
+    for name in {"hertz_half_discs", *(["fretting"] if present("friction") else [])} & set(KEPT):
+        problem = hhr.FullOrderModel(importlib.import_module(name).scene(), MPI.COMM_SELF).problem
+        assert (problem.free.size, problem.contact.shape[0]) == (KEPT[name]["N"], KEPT[name]["N_lambda"]), name
+
+
+@pytest.mark.parametrize("page", [figures.README, *DOCS], ids=lambda page: page.stem)
+def test_no_page_quotes_what_no_longer_holds(page):
+    """Times of a full order that is gone, and what models with friction refused once."""
+    stale = "69 ms|47 queries|0.33 ms|times the full order, 208|refused by local models|3700 tests"
+    assert not re.search(stale, page.read_text())

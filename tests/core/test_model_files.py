@@ -4,14 +4,12 @@ import copy
 import dataclasses
 import json
 import pickle
-import subprocess
-import sys
 from dataclasses import dataclass, replace
 
 import contract
 import numpy as np
 import pytest
-from bare import WAIT, arrays_of, rewrite_signed
+from bare import arrays_of, python, rewrite_signed
 from flowing import demo as plastic
 from flowing import flowing_full, flowing_reduction, pellet_of_moduli
 from flowing import pellet_path as heated
@@ -230,9 +228,7 @@ assert not heavy, heavy
 def test_another_process_answers_without_dolfinx(petsc, kept, models):
     """To the last bit, whether there is more than numpy and scipy or not, and numba where bodies flow."""
     names = json.dumps({kind: str(kept[kind]) for kind in ALL})
-    run = subprocess.run([sys.executable, "-c", ALONE, petsc, names], capture_output=True, text=True, timeout=WAIT)
-    assert run.returncode == 0, run.stderr[-2000:]
-    lines = [json.loads(line) for line in run.stdout.splitlines()]
+    lines = [json.loads(line) for line in python("-c", ALONE, petsc, names).stdout.splitlines()]
     assert [line[0] for line in lines] == list(ALL)
     for kind, forces, displacement, values in lines:
         model = hhr.load_model(kept[kind])
@@ -249,7 +245,7 @@ def test_an_elastic_model_loads_no_flow(kept):
         "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.plugins.inelastic.update')]\n"
         "assert not found, found"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=WAIT)
+    python("-c", program)
 
 
 @needs("inelastic")
@@ -521,8 +517,7 @@ def test_a_missing_package_is_no_damage(kept):
     for kind in ("flowing pellet", "condensed pellet"):
         load = f"import hhr_dolfinx as hhr\nhhr.load_model({str(kept[kind])!r})"
         program = f"import sys\nsys.modules['numba'] = None\n{load}"
-        run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-        last = run.stderr.strip().splitlines()[-1]
+        last = python("-c", program, code=1).stderr.strip().splitlines()[-1]
         assert last.startswith("hhr_dolfinx.errors.MissingPackageError") and "hhr_dolfinx[flow]" in last
 
 

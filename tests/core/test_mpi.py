@@ -269,10 +269,8 @@ def run_program(ranks, arguments, cwd=None, limit=WAIT):
     # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
     allow = dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMP_NUM_THREADS"), "1")
     allow |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
-    command, environment = (
-        [mpirun, "-n", str(ranks), sys.executable, *arguments],
-        os.environ | allow | {"COLUMNS": "200"},
-    )
+    environment = os.environ | allow | {"COLUMNS": "200"}
+    command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=limit, cwd=cwd)
 
 

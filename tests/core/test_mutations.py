@@ -10,7 +10,6 @@ import random
 import re
 import resource
 import struct
-import subprocess
 import sys
 import warnings
 import zipfile
@@ -18,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import WAIT, BareFull, answer, rewrite_signed
+from bare import BareFull, answer, python, rewrite_signed
 from needs import needs, present
 
 import hhr_dolfinx as hhr
@@ -276,8 +275,7 @@ def trial(kind, original, folder, count, seed):
     """Outcomes that are wrong, by what was done to the file, and how many were refused."""
     folder.mkdir()
     cases = list(mutants(original, folder, count, seed))
-    command = [sys.executable, __file__, kind, str(original), *(str(path) for _, path in cases)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
+    run = python(__file__, kind, original, *(path for _, path in cases), code=None)
     lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]
     wrong, refused = {}, 0
     for (name, _), (outcome, growth) in zip(cases, lines, strict=False):
