@@ -1,4 +1,4 @@
-"""The house as docs/architecture.md draws it: imports, sizes, types, one clock, what a scene loads; figures of README."""
+"""The house as docs/architecture.md draws it: imports, sizes, types, clock, what a scene loads; figures of README."""
 
 import ast
 import doctest
