@@ -143,13 +143,9 @@ def test_fields_are_those_of_the_answer(ending, tmp_path, full):
     pyvista = pytest.importorskip("pyvista")
     path = tmp_path / "a folder" / f"fields of it{ending}"
     code, output = invoke("solve", DEMO, *AT, "--out", path)
-    assert code == 0, output
-    grid, answer = pyvista.read(path), full.solve(POINT)
-    vectors = answer.displacement().reshape(-1, 2)
-    np.testing.assert_allclose(grid.point_data["displacement"][:, :2], vectors, rtol=1e-10, atol=1e-14)
-    np.testing.assert_allclose(np.asarray(grid.points)[:, :2], full.problem.points, atol=1e-6)
-    assert grid.n_cells == 2868 and {"von_mises", "body"} <= set(grid.cell_data)
-    assert sorted(item.name for item in path.parent.iterdir()) == [path.name]
+    assert code == 0 and [item.name for item in path.parent.iterdir()] == [path.name], output
+    found = pyvista.read(path).point_data["displacement"][:, :2]
+    np.testing.assert_allclose(found, full.solve(POINT).displacement().reshape(-1, 2), rtol=1e-10, atol=1e-14)
 
 
 def questions(path, header, rows):

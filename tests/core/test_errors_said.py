@@ -89,30 +89,17 @@ def test_six_parameters(materials, condensed):
     assert (finer.max(axis=1) < 1e-3 * errors.max(axis=1)).all()
 
 
-@needs("moduli")
-def test_many_answers_say_what_single_ones_say(pellet, reduced, condensed):
-    for model in (reduced, condensed):
-        points = model.parameters.random(20, 3)
-        many = model.solve_many(points, outside="ignore").estimates()
-        for k, point in enumerate(points):
-            alone = model.solve(point, outside="ignore").estimate()
-            own, other = ({name: getattr(item, name) for name in NUMBERS} for item in (alone, many[k]))
-            # two ways to the same forces, to round-off of the forces themselves
-            least = 1e-9 * max(own.values())
-            for name in NUMBERS:
-                # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
-                part = 1e-5 if name.startswith("primal") else 1e-6
-                assert other[name] == pytest.approx(own[name], rel=part, abs=least), name
-
-
-def test_many_estimates_have_the_bounds_of_outputs(reduced):
-    """As each answer by itself has them; behind a copy too."""
-    points = reduced.parameters.random(4, seed=2)
-    many = reduced.solve_many(points)
+def test_many_estimates_are_those_of_each(reduced):
+    """Two ways to the same forces, to round-off of these; a copy knows bounds of outputs too."""
+    points = reduced.parameters.random(20, seed=2)
+    many = reduced.solve_many(points, outside="ignore")
     for known in (many.estimates(), copy.deepcopy(many.estimates())):
-        for k in range(4):
-            expected = dict(many[k].estimate().outputs)
-            assert expected and dict(known[k].outputs) == expected
+        for k, point in enumerate(points):
+            assert known[k].outputs and dict(known[k].outputs) == dict(many[k].estimate().outputs)
+            alone = reduced.solve(point, outside="ignore").estimate()
+            own, other = ([getattr(item, name) for name in NUMBERS] for item in (alone, known[k]))
+            # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
+            assert other == pytest.approx(own, rel=1e-5, abs=1e-9 * max(own))
 
 
 def test_an_exact_model_has_no_error_of_an_output(pellet):

@@ -84,41 +84,35 @@ def rows_of(pairing, surfaces, points, matching):
 
 
 CELLS = [(2, False), (3, False), (3, True)]
+GAPS = 1.5, 0.0, -0.05
+
+
+def closes(rows, points, count, within):
+    """Moving the upper box, the first ``count`` nodes, down by one closes each gap by one."""
+    down = np.zeros_like(points)
+    down[:count, -1] = -1.0
+    np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=within)
 
 
 @pytest.mark.parametrize("name", kinds(2))
 @pytest.mark.parametrize(("dim", "triangles"), CELLS)
 @pytest.mark.parametrize("whole", [False, True])
-def test_each_pairing_finds_the_flat_side_that_faces(name, dim, triangles, whole):
+def test_each_pairing_finds_the_side_that_faces(name, dim, triangles, whole):
     """One condition for each node of that side, its gap, and the area of that side alone, without a word.
 
-    Lengths are about 1, and errors those of round-off: 1e-12.
+    Lengths are about 1, and errors those of round-off: 1e-12. Then a side that hangs through, over a body that is
+    wider, where that is no matter of matching nodes: gaps of nodes are exact, those along the normals of the convex
+    side longer by 2 % at most, and integrated ones lie between the least and the largest.
     """
-    pairing = kinds(dim)[name]
-    for count, gap in itertools.product((1, 3), (1.5, 0.0, -0.05)):
-        surfaces, points, gaps = pair(dim, count, gap, whole=whole, triangles=triangles)
+    pairing, body = kinds(dim)[name], {"whole": whole, "triangles": triangles}
+    for count, gap in itertools.product((1, 3), GAPS):
+        surfaces, points, gaps = pair(dim, count, gap, **body)
         rows = rows_of(pairing, surfaces, points, matching=True)
         np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12, err_msg=f"{count} cells, gap {gap}")
         assert rows.areas.sum() == pytest.approx(1.0, abs=1e-12)
-        # moving the upper box down by one closes each gap by one
-        down = np.zeros_like(points)
-        down[: (count + 1) ** dim, -1] = -1.0
-        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", kinds(2))
-@pytest.mark.parametrize(("dim", "triangles"), CELLS)
-@pytest.mark.parametrize("whole", [False, True])
-def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, whole):
-    """The same of a side that hangs through, over a body that is wider, where that is no matter of matching nodes.
-
-    Gaps of nodes are exact. Those along the normals of the convex side are longer by 2 % at most, and integrated ones
-    lie between the least and the largest.
-    """
-    pairing = kinds(dim)[name]
-    for gap in (1.5, 0.0, -0.05):
-        how = {"whole": whole, "triangles": triangles, "bulge": BULGE, "wide": name != "node to node"}
-        surfaces, points, gaps = pair(dim, 4, gap, **how)
+        closes(rows, points, (count + 1) ** dim, 1e-12)
+    for gap in GAPS:
+        surfaces, points, gaps = pair(dim, 4, gap, bulge=BULGE, wide=name != "node to node", **body)
         rows = rows_of(pairing, surfaces, points, matching=False)
         rows = rows.take(np.flatnonzero(rows.slaves < 5**dim))
         assert rows.gap.size == gaps.size, f"gap {gap}"
@@ -127,9 +121,7 @@ def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, who
             assert gaps.min() - 1e-12 < rows.gap.min() and rows.gap.max() < gaps.max() + longer
         else:
             np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12)
-        down = np.zeros_like(points)
-        down[: 5**dim, -1] = -1.0
-        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=0.02)
+        closes(rows, points, 5**dim, 0.02)
 
 
 def circle(count):

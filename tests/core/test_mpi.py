@@ -29,11 +29,13 @@ from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
 out = {{}}
+def note(name, answer):
+    out[f"{{name}}, forces"] = answer.forces().tolist()
+    out[f"{{name}}, norm"] = float(np.linalg.norm(answer.displacement()))
+
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
-    solution = full_order.solve(mu)
-    out[f"forces {{mu}}"] = solution.forces().tolist()
-    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.displacement()))
+    note(mu, full_order.solve(mu))
 snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
 reduction = hhr.build(full_order, snapshots, demo.THESIS)
 out["reduced"] = np.linalg.norm(reduction.solve(0.3123).displacement())
@@ -81,9 +83,7 @@ out["solid"] = answer.forces().tolist()
 kept_bytes, limits.KEPT_BYTES = limits.KEPT_BYTES, 0
 numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
 pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
-condensed = hhr.condense(pressed).solve([0.2, 50.0])
-out["condensed"] = condensed.forces().tolist()
-out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
+note("condensed", hhr.condense(pressed).solve([0.2, 50.0]))
 # so large that ranks leave what is none of S beside it
 larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
 out["larger S"] = larger.schur[::20].ravel().tolist()
@@ -108,14 +108,11 @@ second = first.gathered()  # which shares the factors with it
 upper, lower = shifting.parameters.upper, shifting.parameters.lower
 turns = ("", first, upper), (" gathered", second, lower), (" again", first, upper), (" both", second, lower)
 for name, model, point in turns:
-    solution = model.solve(point)
-    out["varying" + name] = solution.forces().tolist()
-    out["varying norm" + name] = float(np.linalg.norm(solution.displacement()))
+    note("varying" + name, model.solve(point))
 # solutions by compressed factors are refined, those of dofs that are eliminated last too
 large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
-compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3))).solve([0.2, 50.0])
-out["compressed"] = compressed.forces().tolist()
-out["compressed norm"] = float(np.linalg.norm(compressed.displacement()))
+compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
+note("compressed", compressed.solve([0.2, 50.0]))
 sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
 for name, pairing in patch.PAIRINGS.items():
@@ -152,9 +149,8 @@ OF_PLUGINS = {
 together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
 asked = together.full_order.parameters.random(1, 5)[0]
 exact = together.full_order.solve(asked)
-condensed, reduced = together.condense().solve(asked), together.build().solve(asked, outside="ignore")
-out["trained"] = condensed.forces().tolist()
-out["trained norm"] = float(np.linalg.norm(condensed.displacement()))
+note("trained", together.condense().solve(asked))
+reduced = together.build().solve(asked, outside="ignore")
 bound = reduced.estimate()
 off = float(np.linalg.norm(reduced.forces() - exact.forces()))
 out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
