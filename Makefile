@@ -99,7 +99,7 @@ test: setup
 	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-QUICK = active_set bad_input bad_meshes bad_pairings basis bounds enrichment formulas forms full_order house \
+QUICK = active_set bad_input bad_meshes bad_pairings bounds enrichment formulas forms full_order house \
   laws_of_bodies loads locking many mesh_files model_files peers reduced registry restriction \
   rows sampling stability subspaces timing trust
 QUICK_PLUGINS = checks/test_fields inelastic/test_cubature inelastic/test_history_files inelastic/test_laws \

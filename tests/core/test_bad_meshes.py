@@ -116,7 +116,6 @@ def test_simplices_that_are_turned_inside_out(hypothesis):
 
 
 def test_cells_of_third_order():
-
     def make():
         body = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
         gmsh.model.occ.synchronize()

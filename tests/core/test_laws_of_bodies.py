@@ -97,7 +97,6 @@ def years(answer):
 
 @pytest.fixture
 def registered(monkeypatch):
-
     def found(*plugins):
         monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [Entry(item) for item in plugins])
         for cache in CACHES:

@@ -108,7 +108,6 @@ def kept(models, tmp_path_factory):
 
 @pytest.fixture
 def file(kept, tmp_path):
-
     def of(kind="pellet"):
         (tmp_path / "model.npz").write_bytes(kept[kind].read_bytes())
         return tmp_path / "model.npz"
