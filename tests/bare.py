@@ -4,6 +4,8 @@ import io
 import json
 import mmap
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +65,14 @@ def answer(point, dofs=6, conditions=2, seed=0):
     active = random_numbers.random(conditions) < 0.5
     values = random_numbers.random(dofs), random_numbers.random(conditions)
     return Answer(np.array(point, dtype=float), *values, active, 3, Status.CONVERGED, False, None)
+
+
+def python(*words, code=0, **how):
+    """A Python in another process, which must end with ``code``; None for any."""
+    command = [sys.executable, *map(str, words)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, **how)
+    assert code in (None, run.returncode), run.stdout[-2000:] + run.stderr[-3000:]
+    return run
 
 
 def rewrite_signed(path, change):

@@ -20,6 +20,39 @@ def whole_domain(problem):
     return reduced_domain(problem, np.arange(len(problem.points)))
 
 
+def slope(name, size=1.0):
+    """An amplitude that grows with a parameter."""
+    return hhr.Amplitude(slopes={name: size})
+
+
+def space(**box):
+    """Parameters by their bounds."""
+    return hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True))
+
+
+def block_scene(name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), young=1.0, poisson=0.3, **others):
+    """A scene of one block, in plane strain unless ``others``, parts of a scene, say otherwise.
+
+    Args:
+        name: of the scene.
+        box: bounds of its parameters by their names.
+        lower: corner.
+        upper: corner.
+        cells: along each axis.
+        young: modulus.
+        poisson: ratio.
+        others: all else, and ``simplices``.
+    """
+    simplices = others.pop("simplices", False)
+    given = {
+        "geometry": lambda comm: block.block(comm, lower=lower, upper=upper, cells=cells, simplices=simplices),
+        "hypothesis": "plane_strain",
+        "bodies": (hhr.Body(block.SOLID, young, poisson),),
+        "parameters": space(**box),
+    }
+    return hhr.Scene(name=name, **given | others)
+
+
 def pressed_block(hypothesis, *, young=3.0, poisson=0.3, gap=0.01, cells=4, simplices=False):
     """A block of height 2 pushed by ``push`` in [0, 0.1] on a rigid floor ``gap`` below it.
 
@@ -29,17 +62,16 @@ def pressed_block(hypothesis, *, young=3.0, poisson=0.3, gap=0.01, cells=4, simp
     up = dim - 1
     normal = tuple(-1.0 if axis == up else 0.0 for axis in range(dim))
     fixed = tuple(hhr.Displacement(block.side(axis, upper=False), axis) for axis in range(up))
-    push = hhr.Displacement(block.side(up, upper=True), up, hhr.Amplitude(slopes={"push": -1.0}))
-    corner = (1.5,) * up + (2.0,)
-    return hhr.Scene(
-        name=f"pressed_{hypothesis}",
-        geometry=lambda comm: block.block(
-            comm, lower=(0.0,) * dim, upper=corner, cells=(cells,) * dim, simplices=simplices
-        ),
+    push = hhr.Displacement(block.side(up, upper=True), up, slope("push", -1.0))
+    size = {"lower": (0.0,) * dim, "upper": (1.5,) * up + (2.0,), "cells": (cells,) * dim, "simplices": simplices}
+    return block_scene(
+        f"pressed_{hypothesis}",
+        {"push": (0.0, 0.1)},
+        **size,
+        young=young,
+        poisson=poisson,
         hypothesis=hypothesis,
-        bodies=(hhr.Body(block.SOLID, young, poisson),),
         contacts=(hhr.Obstacle(block.side(up, upper=False), normal, gap),),
-        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
         displacements=(*fixed, push),
     )
 
@@ -81,7 +113,7 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
         others: parts of a scene in the place of these.
     """
     dim = 3 if hypothesis == "solid" else 2
-    up, space = dim - 1, PAIR_BOX | (parameters or {})
+    up = dim - 1
     lower, upper = (1.0,) + (0.0,) * (dim - 2), (2.0,) + (1.0,) * (dim - 2)
     first = (*lower, 0.0), (*upper, 1.0), (cells,) * dim
     second = (*lower, 1.0), (*upper, 2.0), (cells + (0 if matching else 1),) * dim
@@ -91,22 +123,20 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     top, flank = side(two_blocks.SECOND, up, True), side(two_blocks.SECOND, 0, True)
     surfaces = side(two_blocks.FIRST, up, True), side(two_blocks.SECOND, up, False)
     held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [hhr.Displacement(top, k) for k in range(1, up)]
-    moved = (hhr.Displacement(top, 0, hhr.Amplitude(slopes={"slide": 1.0})),
-             hhr.Displacement(top, up, hhr.Amplitude(slopes={"push": -1.0})))  # fmt: skip
+    moved = hhr.Displacement(top, 0, slope("slide")), hhr.Displacement(top, up, slope("push", -1.0))
     given = {
         "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
         "contacts": (hhr.NodeToNode(*surfaces, normal) if matching else hhr.NodeToSurface(*surfaces, normal),),
-        "loads": (hhr.Pressure(flank, hhr.Amplitude(slopes={"load": 1.0})),),
-        "openings": (hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+        "loads": (hhr.Pressure(flank, slope("load")),),
+        "openings": (hhr.Opening(0, slope("gap")),),
     }
-    tags = two_blocks.FIRST, two_blocks.SECOND
-    made = tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body)
-                 for tag, body in zip(tags, bodies, strict=True))  # fmt: skip
+    tagged = zip((two_blocks.FIRST, two_blocks.SECOND), bodies, strict=True)
+    made = tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body) for tag, body in tagged)
     return hhr.Scene(
         name=f"pair_{hypothesis}",
         hypothesis=hypothesis,
         bodies=made,
-        parameters=hhr.ParameterSpace(tuple(space), *zip(*space.values(), strict=True)),
+        parameters=space(**PAIR_BOX | (parameters or {})),
         displacements=(*held, *moved),
         **given | others,
     )
@@ -122,11 +152,11 @@ def slope_errors(model, point, step=1e-5):
 
     The statuses must not change within a step.
     """
-    space, point = model.parameters, np.array(point, dtype=float)
+    box, point = model.parameters, np.array(point, dtype=float)
     answer = model.solve(point, gradient=True)
     assert not answer.gradient.one_sided
     errors = []
-    for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
+    for place, (low, high) in enumerate(zip(box.lower, box.upper, strict=True)):
         ends = []
         for sign in (-1, 1):
             moved = point.copy()
@@ -143,17 +173,13 @@ def slope_errors(model, point, step=1e-5):
 
 def squeezed(deepest):
     """A soft block, squeezed on a rigid floor that is half a length below it."""
-    side = block.side
-    return hhr.Scene(
-        name="squeezed",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(10.0, 10.0), cells=(4, 4)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, young=3.0, poisson=0.3),),
-        contacts=(hhr.Obstacle(side(1, False), (0.0, -1.0), 0.5),),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (deepest,)),
-        displacements=(
-            hhr.Displacement(side(1, True), 0),
-            hhr.Displacement(side(1, True), 1, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
+    top = block.side(1, True)
+    return block_scene(
+        "squeezed",
+        {"down": (0.0, deepest)},
+        upper=(10.0, 10.0),
+        young=3.0,
+        contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.5),),
+        displacements=(hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("down", -1.0))),
         outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
     )

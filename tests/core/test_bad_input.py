@@ -7,20 +7,24 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 import ufl
-from scenes import THESIS, pressed_block
+from scenes import THESIS, pressed_block, pressed_pair
 from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status, Statuses
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError, ReductionError, SceneError
-from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 from hhr_dolfinx.models.answer import ElasticFields, found_as, outcome
 from hhr_dolfinx.reduction.projection import reduced_domain
 
 
-def with_changes(**changes):
+def changed(**changes):
     return dataclasses.replace(demo.scene(), **changes)
+
+
+def built(**changes):
+    return hhr.FullOrderModel(changed(**changes))
 
 
 @pytest.mark.parametrize("mu", [np.nan, np.inf, 0.1, 0.5, -0.3])
@@ -43,134 +47,110 @@ def test_parameters_by_number_sequence_and_name(hertz_reduction):
 
 
 def test_surfaces_that_do_not_match():
-    """Two blocks, one above the other, with 4 and 5 cells along the contact."""
-
-    def blocks(comm):
-        import gmsh
-
-        from hhr_dolfinx.compat import gmsh_to_mesh
-
-        gmsh.initialize()
-        gmsh.option.setNumber("General.Terminal", 0)
-        for tag, (bottom, cells) in enumerate(((0.0, 4), (1.1, 5)), start=1):
-            body = gmsh.model.occ.addRectangle(0, bottom, 0, 1, 1)
-            gmsh.model.occ.synchronize()
-            curves = [c for _, c in gmsh.model.getBoundary([(2, body)], oriented=False)]
-            for curve in curves:
-                gmsh.model.mesh.setTransfiniteCurve(curve, cells + 1)
-            gmsh.model.addPhysicalGroup(2, [body], tag)
-            # rectangle sides: bottom, right, top, left
-            gmsh.model.addPhysicalGroup(1, [curves[0]], 10 * tag)
-            gmsh.model.addPhysicalGroup(1, [curves[2]], 10 * tag + 1)
-        gmsh.model.mesh.generate(2)
-        result = gmsh_to_mesh(gmsh.model, comm, gdim=2)
-        gmsh.finalize()
-        return result
-
-    scene = with_changes(
-        geometry=blocks,
-        bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)),
-        contacts=(hhr.NodeToNode(11, 20, (0, 1)),),
-        displacements=(hhr.Displacement(10, 0), hhr.Displacement(10, 1)),
-    )
+    tags = two_blocks.side(two_blocks.FIRST, 1, True), two_blocks.side(two_blocks.SECOND, 1, False)
+    pair = hhr.NodeToNode(*tags, (0, 1))
+    scene = pressed_pair("plane_strain", ((1.0, 0.3), (1.0, 0.3)), matching=False, contacts=(pair,))
     with pytest.raises(SceneError, match=r"face each other.*no partner, e\.g\. at \["):
         hhr.FullOrderModel(scene)
-
-
-@pytest.mark.parametrize(
-    "pair",
-    [
-        hhr.NodeToNode(geometry.UPPER_ARC, geometry.LOWER_ARC, (0, 1)),
-        hhr.NodeToNode(geometry.LOWER_ARC, geometry.UPPER_ARC, (0, -1)),
-        hhr.Obstacle(geometry.LOWER_ARC, (0, -1), 0.0),
-    ],
-)
-def test_surfaces_that_look_away(pair):
-    with pytest.raises(SceneError, match="do not face each other"):
-        hhr.FullOrderModel(with_changes(contacts=(pair,)))
-
-
-def test_empty_pair():
-    """All nodes of the pair are imposed, so it holds no unknown."""
-    fixed = tuple(hhr.Displacement(block.side(1, upper=False), k) for k in (0, 1))
-    with pytest.raises(SceneError, match="empty"):
-        hhr.FullOrderModel(dataclasses.replace(pressed_block("plane_strain"), displacements=fixed))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"contacts": (hhr.Obstacle(99, (0, 1), 0.0),)}, r"facet tags \[99\] are not in the mesh"),
-        ({"bodies": (hhr.Body(7, 1.0, 0.3),)}, r"cell tags \[7\]"),
-        ({"bodies": (hhr.Body(geometry.LOWER, 1.0, 0.3),)}, r"\[2\] belong to no body"),
-        ({"displacements": (hhr.Displacement(geometry.LOWER_FLAT, 2),)}, "component 2"),
-        ({"contacts": (hhr.NodeToNode(11, 12, (0, 0)),)}, "normal"),
-        ({"contacts": (hhr.NodeToNode(11, 12, (0, 1, 0)),)}, "length 2"),
-        (
-            {"displacements": (hhr.Displacement(21, 1, hhr.Amplitude(slopes={"height": 1.0})),)},
-            r"\['height'\], the scene's parameters are \('mu',\)",
-        ),
-        (
-            {"displacements": (hhr.Displacement(21, 0), hhr.Displacement(21, 0, hhr.Amplitude(1.0)))},
-            "different values",
-        ),
-    ],
-)
-def test_scenes_that_cannot_be_built(changes, message):
-    with pytest.raises(SceneError, match=message):
-        hhr.FullOrderModel(with_changes(**changes))
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"hypothesis": "plane"}, "plane_strain"),
-        ({"contacts": ()}, "without contact"),
-        ({"bodies": ()}, "body"),
-        ({"name": "two words"}, "identifier"),
-        ({"name": 7}, "scene name 7 must be an identifier"),
-        ({"geometry": "mesh.msh"}, r"geometry = 'mesh\.msh' must be a function of a communicator"),
-        ({"parameters": ("mu",)}, r"parameters = \('mu',\) must be a ParameterSpace"),
-    ],
-)
-def test_scenes_that_contradict_themselves(changes, message):
-    with pytest.raises(SceneError, match=message):
-        with_changes(**changes)
 
 
 FLOOR, WALL = hhr.Obstacle(1, (0.0, -1.0), 0.0), hhr.Obstacle(1, (1.0, 0.0), 0.0)
 PAIR = hhr.NodeToNode(11, 21, (0.0, 1.0))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"bodies": (hhr.Body(1, 1.0, 0.3),) * 2}, "bodies 0 and 1 have the same cell tag 1: .* would add up"),
-        (
-            {"bodies": (hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3), hhr.Body(1, 9.0, 0.2))},
-            "bodies 0 and 2 have the same cell tag 1",
-        ),
-        ({"contacts": (PAIR, FLOOR, PAIR)}, r"contacts 0 and 2 are the same pair of surfaces \(11, 21\)"),
-        ({"contacts": (PAIR, hhr.NodeToNode(21, 11, (0.0, -2.0)))}, "contacts 0 and 1 are the same pair"),
-        ({"contacts": (PAIR, hhr.Mortar(21, 11))}, "contacts 0 and 1 are the same pair"),
-        ({"contacts": (FLOOR, hhr.Obstacle(1, (0.0, -3.0), 0.5))}, r"the same pair of surfaces \(1,\)"),
-        ({"contacts": (hhr.Mortar(11, 11),)}, "contact 0 pairs surface 11 with itself"),
-    ],
-)
-def test_what_is_listed_twice(changes, message):
+def body(**given):
+    return hhr.Body(**{"tag": 1, "young": 1.0, "poisson": 0.3} | given)
+
+
+BODY, FLAT = body(), block.side(1, upper=False)
+BLOCK, HIGHER = pressed_block("plane_strain"), hhr.Amplitude(slopes={"height": 1.0})
+TWICE = "contacts 0 and 1 are the same pair"
+REFUSED = [
+    # of a mesh
+    (lambda: built(contacts=(hhr.NodeToNode(geometry.UPPER_ARC, geometry.LOWER_ARC, (0, 1)),)), "do not face each"),
+    (lambda: built(contacts=(hhr.NodeToNode(geometry.LOWER_ARC, geometry.UPPER_ARC, (0, -1)),)), "do not face each"),
+    (lambda: built(contacts=(hhr.Obstacle(geometry.LOWER_ARC, (0, -1), 0.0),)), "do not face each other"),
+    (lambda: built(contacts=(hhr.Obstacle(99, (0, 1), 0.0),)), r"facet tags \[99\] are not in the mesh"),
+    (lambda: built(bodies=(body(tag=7),)), r"cell tags \[7\]"),
+    (lambda: built(bodies=(body(tag=geometry.LOWER),)), r"\[2\] belong to no body"),
+    (lambda: built(displacements=(hhr.Displacement(geometry.LOWER_FLAT, 2),)), "component 2"),
+    (lambda: built(contacts=(hhr.NodeToNode(11, 12, (0, 0)),)), "normal"),
+    (lambda: built(contacts=(hhr.NodeToNode(11, 12, (0, 1, 0)),)), "length 2"),
+    (lambda: built(displacements=(hhr.Displacement(21, 1, HIGHER),)), r"\['height'\], .* parameters are \('mu',\)"),
+    (lambda: built(displacements=(hhr.Displacement(21, 0), hhr.Displacement(21, 0, 1.0))), "different values"),
+    # a pair whose nodes are all imposed
+    (lambda: hhr.FullOrderModel(dataclasses.replace(BLOCK, displacements=hhr.Displacement.clamp(FLAT, 2))), "empty"),
+    # of a scene
+    (lambda: changed(hypothesis="plane"), "plane_strain"),
+    (lambda: changed(contacts=()), "without contact"),
+    (lambda: changed(bodies=()), "body"),
+    (lambda: changed(name="two words"), "identifier"),
+    (lambda: changed(name=7), "scene name 7 must be an identifier"),
+    (lambda: changed(geometry="mesh.msh"), r"geometry = 'mesh\.msh' must be a function of a communicator"),
+    (lambda: changed(parameters=("mu",)), r"parameters = \('mu',\) must be a ParameterSpace"),
+    (lambda: changed(bodies=(BODY, BODY)), "bodies 0 and 1 have the same cell tag 1: .* would add up"),
+    (lambda: changed(bodies=(BODY, body(tag=2), body(young=9.0))), "bodies 0 and 2 have the same cell tag 1"),
+    (lambda: changed(contacts=(PAIR, FLOOR, PAIR)), r"contacts 0 and 2 are the same pair of surfaces \(11, 21\)"),
+    (lambda: changed(contacts=(PAIR, hhr.NodeToNode(21, 11, (0.0, -2.0)))), TWICE),
+    (lambda: changed(contacts=(PAIR, hhr.Mortar(21, 11))), TWICE),
+    (lambda: changed(contacts=(FLOOR, hhr.Obstacle(1, (0.0, -3.0), 0.5))), r"the same pair of surfaces \(1,\)"),
+    (lambda: changed(contacts=(hhr.Mortar(11, 11),)), "contact 0 pairs surface 11 with itself"),
+    (lambda: changed(openings=(hhr.Opening(1, 1.0),)), "an opening names contact 1, of 1 counted from 0"),
+    (lambda: changed(loads=(hhr.PartialPressure(1, 1.0, "h"),)), r"up to 'h': .* one of the parameters \('mu',\)"),
+    # materials
+    *((lambda young=young: body(young=young), "positive") for young in (0.0, -1.0, np.nan)),
+    *((lambda poisson=poisson: body(poisson=poisson), "positive") for poisson in (0.5, np.nan)),
+    (lambda: body(young=10**400), "must be positive and finite"),
+    (lambda: body(young=np.inf), "body 1: E = inf must be positive and finite"),
+    (lambda: body(young="210 GPa"), "young of body 1: the formula '210 GPa' cannot be read"),
+    (lambda: body(poisson="nu["), r"poisson of body 1: the formula 'nu\[' cannot be read"),
+    (lambda: body(young=hhr.Amplitude(1.0)), r"young = Amplitude\(.* must be a number, or a formula of the parameters"),
+    (lambda: body(tag=" "), "the tag ' ' of a body must be an integer or a name"),
+    (lambda: body(tag=1.0), r"the tag 1\.0 of a body must be an integer"),
+    # loads, displacements, openings
+    (lambda: hhr.Opening(0, "2"), r"amplitude '2' of the opening of contact 0 must be a finite number or an Ampl"),
+    (lambda: hhr.Pressure(1, np.nan), "the amplitude nan of the pressure on tag 1 must be a finite number"),
+    (lambda: hhr.Traction(1, (0, 1), None), "the amplitude None of the traction on tag 1"),
+    (lambda: hhr.Opening(0, {"mu": 1.0}), "of the opening of contact 0 must be a finite number or an Amplitude"),
+    (lambda: hhr.Displacement(1, 0, lambda mu: mu), "of the displacement on tag 1 must be a finite number or"),
+    (lambda: hhr.Displacement(1, (0, 1)), r"component \(0, 1\) of the displacement on tag 1 .* of its own"),
+    (lambda: hhr.Displacement(1, 0.5), r"component 0\.5 of the displacement on tag 1"),
+    (lambda: hhr.Traction(1, (0.0, 0.0), 1.0), r"the traction \(0\.0, 0\.0\) on tag 1 must be finite and not zero"),
+    (lambda: hhr.Traction(1, (0, np.nan), 1.0), "finite"),
+    (lambda: hhr.Traction(1, 1.0, 1.0), "the direction of a traction must be a tuple"),
+    (lambda: hhr.Opening(0.5, 1.0), r"contact 0\.5 of an opening must be the place of a pair in Scene\.contacts"),
+    (lambda: hhr.Opening(-1, 1.0), "contact -1 of an opening must be the place"),
+    (lambda: hhr.PartialPressure(1, 1.0, "mu", axis=2), "axis 2 of the partial pressure on tag 1 must be 0 or 1"),
+    (lambda: hhr.Amplitude("1"), "amplitude '1' .* must be finite numbers"),
+    (lambda: hhr.Amplitude(True), "amplitude True .* must be finite numbers"),
+    (lambda: hhr.Amplitude(np.nan), "finite"),
+    (lambda: hhr.Amplitude(0.0, ("mu", 1.0)), r"the slopes \('mu', 1\.0\) of an amplitude need a number by param"),
+    (lambda: hhr.Amplitude(0.0, {"mu": "1"}), "must be finite numbers"),
+    (lambda: hhr.Amplitude(slopes={"mu": np.inf}), "finite"),
+    (lambda: hhr.Obstacle(1, (0, 1), "0"), "the offset '0' of the obstacle at surface 1 .*add an Opening"),
+    (lambda: hhr.Obstacle(1, (0, 1), np.nan), "finite"),
+    # boxes of parameters
+    (lambda: hhr.ParameterSpace("mu", (0.0,), (1.0,)), r"names = 'mu' .* must be a tuple: .* \('mu',\)"),
+    (lambda: hhr.ParameterSpace(("mu",), 0.0, (1.0,)), r"lower = 0\.0 .* must be a tuple: .* \(0\.0,\)"),
+    (lambda: hhr.ParameterSpace(("mu",), (0.0,), ("1",)), r"upper = \('1',\) .* must hold numbers"),
+    (lambda: hhr.ParameterSpace((1,), (0.0,), (1.0,)), r"names = \(1,\) .* must hold names"),
+    (lambda: hhr.ParameterSpace(("a", "b", "a"), (0.0,) * 3, (1.0,) * 3), r"named twice in \('a', 'b', 'a'\)"),
+    (lambda: hhr.ParameterSpace((), (), ()), "parameter"),
+    (lambda: hhr.ParameterSpace(("a", "b"), (0,), (1,)), "need one lower and one upper"),
+    *((lambda low=low: hhr.ParameterSpace(("a",), (low,), (0.0,)), "must be (incr|finite)") for low in (0, 1, np.nan)),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), REFUSED)
+def test_scenes_and_parts_of_them_that_are_refused(make, message):
     with pytest.raises(SceneError, match=message):
-        with_changes(**changes)
+        make()
 
 
 def test_what_is_listed_twice_with_reason():
     """One surface between two obstacles, and two surfaces that meet in two directions."""
-    with_changes(contacts=(FLOOR, WALL))
-    with_changes(contacts=(PAIR, hhr.NodeToNode(11, 21, (1.0, 0.0))))
-
-
-def test_a_parameter_named_twice():
-    with pytest.raises(SceneError, match=r"a parameter is named twice in \('a', 'b', 'a'\)"):
-        hhr.ParameterSpace(("a", "b", "a"), (0.0,) * 3, (1.0,) * 3)
+    changed(contacts=(FLOOR, WALL))
+    changed(contacts=(PAIR, hhr.NodeToNode(11, 21, (1.0, 0.0))))
 
 
 @pytest.mark.parametrize(
@@ -185,91 +165,20 @@ def test_a_parameter_named_twice():
 )
 def test_parts_of_a_scene_are_tuples(name, single, other):
     """A list will do; what stands alone or is something else is named with the remedy."""
-    assert getattr(with_changes(**{name: [single]}), name) == (single,)
+    assert getattr(changed(**{name: [single]}), name) == (single,)
     kind = type(single).__name__
-    with pytest.raises(
-        SceneError, match=rf"Scene\.{name} must be a tuple, and is {kind}.*: write \({kind}\(\.\.\.\),\)"
-    ):
-        with_changes(**{name: single})
+    said = rf"Scene\.{name} must be a tuple, and is {kind}.*: write \({kind}\(\.\.\.\),\)"
+    with pytest.raises(SceneError, match=said):
+        changed(**{name: single})
     for wrong in ("1", kind, type(single), 7):
         with pytest.raises(SceneError, match=rf"{name}\[1\] of scene 'hertz_half_discs' is .*: it must be {other}"):
-            with_changes(**{name: (single, wrong)})
-
-
-@pytest.mark.parametrize(("young", "poisson"), [(0.0, 0.3), (-1.0, 0.3), (np.nan, 0.3), (1.0, 0.5), (1.0, np.nan)])
-def test_materials_without_positive_energy(young, poisson):
-    with pytest.raises(SceneError, match="positive"):
-        hhr.Body(1, young, poisson)
-
-
-@pytest.mark.parametrize(
-    ("constants", "message"),
-    [
-        ({"young": 10**400}, "must be positive and finite"),
-        ({"young": np.inf}, "body 1: E = inf must be positive and finite"),
-        ({"young": "210 GPa"}, "young of body 1: the formula '210 GPa' cannot be read"),
-        ({"poisson": "nu["}, r"poisson of body 1: the formula 'nu\[' cannot be read"),
-        ({"young": hhr.Amplitude(1.0)}, r"young = Amplitude\(.* must be a number, or a formula of the parameters"),
-        ({"tag": " "}, "the tag ' ' of a body must be an integer or a name"),
-        ({"tag": 1.0}, r"the tag 1\.0 of a body must be an integer"),
-    ],
-)
-def test_materials_that_are_no_numbers(constants, message):
-    with pytest.raises(SceneError, match=message):
-        hhr.Body(**{"tag": 1, "young": 1.0, "poisson": 0.3} | constants)
+            changed(**{name: (single, wrong)})
 
 
 def test_numbers_are_constant_amplitudes():
-    for item in (
-        hhr.Displacement(1, 0, 2),
-        hhr.Traction(1, [0.0, 1.0], 2.0),
-        hhr.Pressure(1, np.float64(2.0)),
-        hhr.PartialPressure(1, 2.0, "mu"),
-        hhr.Opening(0, 2.0),
-    ):
+    items = hhr.Displacement(1, 0, 2), hhr.Traction(1, [0.0, 1.0], 2.0), hhr.Pressure(1, np.float64(2.0))
+    for item in (*items, hhr.PartialPressure(1, 2.0, "mu"), hhr.Opening(0, 2.0)):
         assert item.amplitude == hhr.Amplitude(2.0)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: hhr.Opening(0, "2"),
-            r"the amplitude '2' of the opening of contact 0 must be a finite number or an Ampl",
-        ),
-        (lambda: hhr.Pressure(1, np.nan), "the amplitude nan of the pressure on tag 1 must be a finite number"),
-        (lambda: hhr.Traction(1, (0, 1), None), "the amplitude None of the traction on tag 1"),
-        (lambda: hhr.Opening(0, {"mu": 1.0}), "of the opening of contact 0 must be a finite number or an Amplitude"),
-        (lambda: hhr.Displacement(1, 0, lambda mu: mu), "of the displacement on tag 1 must be a finite number or"),
-        (lambda: hhr.Displacement(1, (0, 1)), r"component \(0, 1\) of the displacement on tag 1 .* of its own"),
-        (lambda: hhr.Displacement(1, 0.5), r"component 0\.5 of the displacement on tag 1"),
-        (lambda: hhr.Traction(1, (0.0, 0.0), 1.0), r"the traction \(0\.0, 0\.0\) on tag 1 must be finite and not zero"),
-        (lambda: hhr.Traction(1, 1.0, 1.0), "the direction of a traction must be a tuple"),
-        (lambda: hhr.Opening(0.5, 1.0), r"contact 0\.5 of an opening must be the place of a pair in Scene\.contacts"),
-        (lambda: hhr.Opening(-1, 1.0), "contact -1 of an opening must be the place"),
-        (lambda: with_changes(openings=(hhr.Opening(1, 1.0),)), "an opening names contact 1, of 1 counted from 0"),
-        (
-            lambda: hhr.PartialPressure(1, 1.0, "mu", axis=2),
-            "the axis 2 of the partial pressure on tag 1 must be 0 or 1",
-        ),
-        (
-            lambda: with_changes(loads=(hhr.PartialPressure(1, 1.0, "h"),)),
-            r"on tag 1 extends up to 'h': it must be one of the parameters \('mu',\)",
-        ),
-        (lambda: hhr.Amplitude("1"), "amplitude '1' .* must be finite numbers"),
-        (lambda: hhr.Amplitude(True), "amplitude True .* must be finite numbers"),
-        (lambda: hhr.Amplitude(0.0, ("mu", 1.0)), r"the slopes \('mu', 1\.0\) of an amplitude need a number by param"),
-        (lambda: hhr.Amplitude(0.0, {"mu": "1"}), "must be finite numbers"),
-        (lambda: hhr.Obstacle(1, (0, 1), "0"), "the offset '0' of the obstacle at surface 1 .*add an Opening"),
-        (lambda: hhr.ParameterSpace("mu", (0.0,), (1.0,)), r"names = 'mu' .* must be a tuple: .* \('mu',\)"),
-        (lambda: hhr.ParameterSpace(("mu",), 0.0, (1.0,)), r"lower = 0\.0 .* must be a tuple: .* \(0\.0,\)"),
-        (lambda: hhr.ParameterSpace(("mu",), (0.0,), ("1",)), r"upper = \('1',\) .* must hold numbers"),
-        (lambda: hhr.ParameterSpace((1,), (0.0,), (1.0,)), r"names = \(1,\) .* must hold names"),
-    ],
-)
-def test_values_of_another_kind(make, message):
-    with pytest.raises(SceneError, match=message):
-        make()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -282,20 +191,25 @@ class Made:
         return self.make(assembler)
 
 
+def made(terms):
+    return {"loads": (Made(terms),)}
+
+
 def of_form(form):
     """A load with a form that is a function of v and ds of the right side."""
-    return {"loads": (Made(lambda ask: [hhr.Term(hhr.Amplitude(1.0), ask.vector(form(ask.test, ask.ds(21))))]),)}
+    return made(lambda ask: [hhr.Term(hhr.Amplitude(1.0), ask.vector(form(ask.test, ask.ds(21))))])
+
+
+def of_trial(v):
+    return ufl.TrialFunction(v.ufl_function_space())
 
 
 def of_term(amplitude, columns=None):
-    """A load with a term on all dofs."""
-    return {"loads": (Made(lambda ask: [hhr.Term(amplitude, np.ones(ask.size) if columns is None else columns)]),)}
+    return made(lambda ask: [hhr.Term(amplitude, np.ones(ask.size) if columns is None else columns)])
 
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """An amplitude that returns what it is told to."""
-
     count: int = 1
     found: tuple = ((0,), (1.0,))
 
@@ -312,16 +226,13 @@ class NoRows(RoundPunch):
     ("changes", "message"),
     [
         (of_form(lambda v, ds: None), "the form of Made.* must be linear in v .*, and is None"),
-        (
-            of_form(lambda v, ds: ufl.inner(ufl.TrialFunction(v.ufl_function_space()), v) * ds),
-            "the form of Made.* must be linear in v",
-        ),
+        (of_form(lambda v, ds: ufl.inner(of_trial(v), v) * ds), "the form of Made.* must be linear in v"),
         (of_form(lambda v, ds: ufl.inner(v, v) * ds), "the form of Made.* must be linear in v"),
         (of_term(hhr.Amplitude(1.0), np.full(50, np.nan)), "the nodal forces of Made.* are not finite"),
-        ({"loads": (Made(lambda ask: ask.ds(77)),)}, r"facet tags \[77\] are not in the mesh, which has \[.*21"),
-        ({"loads": (Made(lambda ask: ask.dx(77)),)}, r"cell tags \[77\] are not in the mesh, which has \[1\]"),
-        ({"loads": (Made(lambda ask: None),)}, "the terms of Made.* must be a list of Term, and are None"),
-        ({"loads": (Made(lambda ask: [1.0]),)}, r"the terms of Made.* must be a list of Term, and are \[1\.0\]"),
+        (made(lambda ask: ask.ds(77)), r"facet tags \[77\] are not in the mesh, which has \[.*21"),
+        (made(lambda ask: ask.dx(77)), r"cell tags \[77\] are not in the mesh, which has \[1\]"),
+        (made(lambda ask: None), "the terms of Made.* must be a list of Term, and are None"),
+        (made(lambda ask: [1.0]), r"the terms of Made.* must be a list of Term, and are \[1\.0\]"),
         (of_term(1.0), r"the amplitude 1\.0 of Made.* must be an Amplitude, or a frozen dataclass with a count"),
         (of_term(lambda point: 1.0), "must be an Amplitude, or a frozen dataclass"),
         (of_term(hhr.Amplitude(slopes={"pull": 1.0})), r"an amplitude names \['pull'\], the scene's parameters"),
@@ -338,7 +249,7 @@ class NoRows(RoundPunch):
 )
 def test_loads_and_pairings_of_a_users_own(changes, message):
     with pytest.raises(SceneError, match=message):
-        hhr.FullOrderModel(dataclasses.replace(pressed_block("plane_strain"), **changes))
+        hhr.FullOrderModel(dataclasses.replace(BLOCK, **changes))
 
 
 SPACE = hhr.ParameterSpace(("a", "b"), (0.0, 1.0), (1.0, 2.0))
@@ -373,22 +284,7 @@ def test_points_of_one_parameter_need_no_column(hertz):
         hhr.compute_snapshots(hertz, [[0.2, 0.4]])
 
 
-@pytest.mark.parametrize(
-    ("names", "lower", "upper"),
-    [
-        ((), (), ()),
-        (("a",), (0.0,), (0.0,)),
-        (("a",), (1.0,), (0.0,)),
-        (("a",), (np.nan,), (1.0,)),
-        (("a", "b"), (0,), (1,)),
-    ],
-)
-def test_parameter_boxes_that_are_none(names, lower, upper):
-    with pytest.raises(SceneError):
-        hhr.ParameterSpace(names, lower, upper)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, 2.0, np.nan])
 def test_pod_tolerance(hertz, hertz_snapshots, tolerance):
     with pytest.raises(ReductionError, match=r"\(0, 1\)"):
         hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance))
@@ -433,14 +329,3 @@ def test_meshes_without_sense():
         geometry.half_discs(None, arc_segments=7)
     with pytest.raises(ValueError, match="radius"):
         geometry.half_discs(None, radius=-1.0)
-
-
-def test_loads_and_obstacles_that_are_not_finite():
-    for make in (
-        lambda: hhr.Amplitude(np.nan),
-        lambda: hhr.Amplitude(slopes={"mu": np.inf}),
-        lambda: hhr.Obstacle(1, (0, 1), np.nan),
-        lambda: hhr.Traction(1, (0, np.nan), hhr.Amplitude(1.0)),
-    ):
-        with pytest.raises(SceneError, match="finite"):
-            make()

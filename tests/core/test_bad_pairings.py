@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from contextlib import nullcontext
 
 import contact_patch_test as patch
 import numpy as np
@@ -14,6 +15,11 @@ from test_pairings_independent import chain, make
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
+
+
+def built(pairing=hhr.NodeToSurface, **changes):
+    """The model of two blocks that lie on each other, with other parts."""
+    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), **changes))
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, hhr.DoublePass])
@@ -61,11 +67,9 @@ def test_facets_without_area(broken, message):
         points[at, 0] = broken
         return points
 
-    scene = patch.scene(hhr.NodeToSurface)
     boxes = {"first": ((0.0, 0.0), (1.0, 1.0), (3, 3)), "second": ((0.0, 1.0), (1.0, 2.0), (5, 4))}
-    geometry = lambda comm: two_blocks.two_blocks(comm, **boxes, warp=collapse)  # noqa: E731
     with pytest.raises(SceneError, match=message):
-        hhr.FullOrderModel(dataclasses.replace(scene, geometry=geometry))
+        built(geometry=lambda comm: two_blocks.two_blocks(comm, **boxes, warp=collapse))
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
@@ -75,20 +79,15 @@ def test_an_overlap_larger_than_a_cell_is_named(pairing):
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
-@pytest.mark.parametrize("normal", [(0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)])
-def test_impossible_normals(pairing, normal):
-    scene = patch.scene(pairing)
-    pair = pairing(*scene.contacts[0].tags, normal)
-    with pytest.raises(SceneError, match="must be a non-zero vector of length 2"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)))
-
-
-def test_unknown_multipliers_and_missing_tags():
+def test_normals_tags_and_multipliers_that_are_none(pairing):
+    tags = patch.scene(pairing).contacts[0].tags
+    for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)):
+        with pytest.raises(SceneError, match="must be a non-zero vector of length 2"):
+            built(contacts=(pairing(*tags, normal),))
+    with pytest.raises(SceneError, match=r"facet tags \[99\] are not in the mesh"):
+        built(contacts=(pairing(99, 121),))
     with pytest.raises(SceneError, match="multipliers 'triple' are unknown, one of dual, standard"):
         hhr.Mortar(1, 2, multipliers="triple")
-    scene = patch.scene(hhr.NodeToSurface)
-    with pytest.raises(SceneError, match=r"facet tags \[99\] are not in the mesh"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(hhr.NodeToSurface(99, 121),)))
 
 
 def test_a_double_pass_that_says_everything_twice_keeps_one():
@@ -109,10 +108,8 @@ def strips(pairing, cells, gap, thickness=0.02):
     up, dim = len(cells) - 1, len(cells)
     finer = (*(count + 3 for count in cells[:-1]), cells[-1])
     bottoms = (0.0, thickness + gap)
-    boxes = [
-        ((0.0,) * up + (low,), (1.0,) * up + (low + thickness,), n)
-        for low, n in zip(bottoms, (cells, finer), strict=True)
-    ]
+    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,), count)
+             for low, count in zip(bottoms, (cells, finer), strict=True)]  # fmt: skip
 
     def geometry(comm):
         mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
@@ -168,13 +165,8 @@ def test_a_way_through_the_own_body_is_none():
     inner = points[slave].mean(axis=1) + np.repeat([[0, 0.1], [0, -0.1]] * 2, 4, axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter("error", PairingWarning)  # nothing lies beyond an edge
-        found = hhr.Mortar(2, 1).rows(
-            (
-                make(1, points, slave, inner),
-                make(2, points, sides[4], points[sides[4]].mean(axis=1) + np.array([0, 0.1])),
-            ),
-            points.size,
-        )
+        master = make(2, points, sides[4], points[sides[4]].mean(axis=1) + np.array([0, 0.1]))
+        found = hhr.Mortar(2, 1).rows((make(1, points, slave, inner), master), points.size)
     assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5
 
 
@@ -188,14 +180,9 @@ def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
     """
     sag = (np.pi / 2 / counts[0]) ** 2 / 8
     for over, warned in ((1.0, True), (0.5, True), (0.1, False)):
-        scene = rings(pairing, counts, sag / over)
-        if warned:
-            with pytest.warns(
-                PairingWarning, match=r"gap of surfaces 220 and 121 is .* on average.*off the curved .*finer"
-            ):
-                full_order = hhr.FullOrderModel(scene)
-        else:
-            full_order = hhr.FullOrderModel(scene)
+        message = r"gap of surfaces 220 and 121 is .* on average.*off the curved .*finer"
+        with pytest.warns(PairingWarning, match=message) if warned else nullcontext():
+            full_order = hhr.FullOrderModel(rings(pairing, counts, sag / over))
         pressure = full_order.solve(0.0).forces().sum() / full_order.problem.contact_areas.sum()
         off = abs(pressure / pressure_of_rings(sag / over) - 1)
         assert off > 0.06 if warned else off < 0.07

@@ -1,7 +1,7 @@
-"""Trainings and studies refuse what they cannot do before anything is computed."""
+"""Trainings and studies refuse what they cannot do before they compute, and name what has no answer."""
 
 import dataclasses
-import re
+import warnings
 from argparse import Namespace
 
 import hertz_half_discs as demo
@@ -12,7 +12,10 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
-from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
+from hhr_dolfinx.errors import ConvergenceError, ParameterError, ReductionError, StudyError, TrainingWarning
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.snapshots.records import compute_snapshots
+from hhr_dolfinx.study.training.train import train
 
 
 def unbuilt():
@@ -27,10 +30,7 @@ def unbuilt():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        (
-            {"training": [31, 2]},
-            r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers",
-        ),
+        ({"training": [31, 2]}, r"of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
         ({"training": [0]}, r"counts \[0\] of a grid"),
         ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
@@ -103,25 +103,17 @@ def test_test_points_that_are_none(tmp_path, points):
 
 
 @needs("studies")
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--seed", "-1"], "argument --seed: -1 must be an integer that is not negative"),
-        (["--seed", "one"], "argument --seed: one must be an integer"),
-    ],
-)
-def test_options_of_demos(tmp_path, capsys, arguments, message):
+@pytest.mark.parametrize(("seed", "message"), [("-1", " that is not negative"), ("one", "")])
+def test_options_of_demos(capsys, seed, message):
     from parts.cli import demo_parser
 
-    (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit):
-        demo_parser("demo", "A demo.").parse_args([text.format(file=tmp_path / "file") for text in arguments])
-    assert re.search(message, capsys.readouterr().err)
+        demo_parser("demo", "A demo.").parse_args(["--seed", seed])
+    assert f"argument --seed: {seed} must be an integer{message}" in capsys.readouterr().err
 
 
 @needs("studies")
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
-    """From the training to the report, with test points of one parameter in a row."""
     monkeypatch.chdir(tmp_path)
     settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
     scene = demo.scene(arc_segments=28, flat_segments=7)
@@ -140,3 +132,64 @@ def test_a_petsc_of_complex_numbers(monkeypatch, kind):
         compat.require_dolfinx()
     with pytest.raises(ImportError, match="complex"):
         hhr.FullOrderModel(unbuilt())
+
+
+@pytest.fixture(scope="module")
+def yielding():
+    """A tube without hardening, in a wall that it does not reach before it yields as a whole, at 2 / √3 ln 2 = 0.8."""
+    import condensing
+
+    return condensing.walled_tube(hhr.Plasticity(1.0), wall=50.0, cells=4, p=(0.0, 2.0))
+
+
+def family(scene):
+    own = hhr.ParameterSpace(("to",), (0.1,), (2.0,))
+    return hhr.PathFamily("load", scene.parameters, own, {"p": 0.0}, (hhr.Leg({"p": "to"}, 1.0, 4),))
+
+
+@needs("inelastic", "paths")
+def test_histories_without_an_answer_are_named_and_left_out(yielding):
+    from hhr_dolfinx.plugins.inelastic.state import flowed
+
+    paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
+    with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
+        training = train(yielding, paths, held_out=[])
+    ends = [history.answers[-1].parameter[0] for history in training.snapshots.histories]
+    assert ends == pytest.approx([0.4, 0.6, 0.7]) and flowed(training.snapshots)
+    # asked for by itself it is an error as before
+    with pytest.raises(ConvergenceError):
+        compute_snapshots(training.full_order, paths)
+
+
+@needs("inelastic", "paths")
+def test_too_few_left_are_no_training(yielding):
+    for ends, words in (((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"), ((1.6, 1.7), "none of 2 queries")):
+        with pytest.raises(ConvergenceError, match=words):
+            train(yielding, family(yielding).paths(np.array(ends)[:, None]), held_out=[])
+
+
+def test_points_without_an_answer(monkeypatch):
+    solve = FullOrderModel.solve
+
+    def failing(self, mu, **how):
+        if mu[0] == 0.05:
+            raise ConvergenceError("it cycled")
+        return solve(self, mu, **how)
+
+    monkeypatch.setattr(FullOrderModel, "solve", failing)
+    scene = pressed_block("plane_strain")
+    with pytest.warns(TrainingWarning, match=r"1 of 3 training queries have no answer .*: push = 0\.05: it cycled"):
+        training = train(scene, 3, held_out=0)
+    assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
+
+
+@needs("inelastic", "studies", "paths")
+def test_a_study_leaves_out_tests_without_an_answer(yielding, tmp_path):
+    paths = family(yielding).paths(np.array([[0.4], [0.6], [0.7]]))
+    tests = dict(zip("ab", family(yielding).paths(np.array([[0.5], [1.7]])), strict=True))
+    settings = hhr.StudySettings(paths, tests=tests, held_out=[], repetitions=1)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        study = hhr.study_scene(yielding, settings, tmp_path)
+    assert any("1 of 2 test paths have no answer" in str(item.message) for item in caught)
+    assert [row["value"] for row in study.report["histories"]] == ["a"]

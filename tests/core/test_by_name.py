@@ -6,9 +6,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bare import python
 from needs import needs, present
 
 import hhr_dolfinx as hhr
@@ -73,19 +75,13 @@ def installed(tmp_path_factory):
     return os.environ | {"PYTHONPATH": str(folder / "there"), "OMP_NUM_THREADS": "1"}
 
 
-def run(installed, *arguments, cwd=None):
-    return subprocess.run([sys.executable, *arguments], env=installed, capture_output=True, text=True, cwd=cwd)
-
-
 def hhr_command(installed, cwd, *words):
-    return run(installed, "-m", "hhr_dolfinx.command.main", *words, cwd=cwd)
+    return python("-m", "hhr_dolfinx.command.main", *words, code=None, env=installed, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
 def used(installed):
-    found = run(installed, "-c", USE, *(["inelastic"] if present("inelastic") else []))
-    assert found.returncode == 0, found.stderr
-    return json.loads(found.stdout)
+    return json.loads(python("-c", USE, *(["inelastic"] if present("inelastic") else []), env=installed).stdout)
 
 
 def test_an_installed_package_is_listed_beside_our_own(used):
@@ -128,8 +124,7 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
         "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"
         "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
     )
-    found = run(installed, "-c", program, cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
+    python("-c", program, env=installed, cwd=tmp_path)
     said = hhr_command(installed, tmp_path, "slabs")
     assert said.returncode == 0 and said.stdout == "a slab is 3.0 wide\n"
     assert (tmp_path / "note.txt").read_text() == "slab"
@@ -244,14 +239,18 @@ def test_two_files_of_one_name_are_two(tmp_path):
 def test_code_made_from_text_is_nobodys_file(tmp_path, monkeypatch):
     """Beside the scene <string> would lie in its folder: dataclasses raise from there."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene_here.py").write_text("import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\n")
-    hold = find("scenes", "scene_here.py:hold")
-    with pytest.raises(SceneError) as caught:
-        hold()
-    assert place_of(caught.value) == "scene_here.py, line 3"
-    with pytest.raises(SceneError) as caught:
-        hhr.Displacement(1, -1)
-    assert place_of(caught.value) == ""
+    (tmp_path / "scene_here.py").write_text(
+        "import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\ndef divided():\n    return 1 / 0\n"
+    )
+    for make, error, place in (
+        (find("scenes", "scene_here.py:hold"), SceneError, "scene_here.py, line 3"),
+        (find("scenes", "scene_here.py:divided"), ZeroDivisionError, "scene_here.py, line 5"),
+        (lambda: hhr.Displacement(1, -1), SceneError, ""),
+        (lambda: np.zeros(3).reshape(2, 2), ValueError, ""),
+    ):
+        with pytest.raises(error) as caught:
+            make()
+        assert place_of(caught.value) == place
 
 
 def test_a_file_does_not_take_the_place_of_a_module(tmp_path):
@@ -262,24 +261,6 @@ def test_a_file_does_not_take_the_place_of_a_module(tmp_path):
         _ = json.scene
 
 
-def test_errors_of_functions_of_a_file_have_a_place(tmp_path):
-    path = tmp_path / "late_mistake.py"
-    path.write_text("def scene():\n    return 1 / 0\n")
-    with pytest.raises(ZeroDivisionError) as caught:
-        find("scenes", str(path))()
-    assert place_of(caught.value) == "late_mistake.py, line 2"
-    with pytest.raises(ValueError) as caught:
-        np.zeros(3).reshape(2, 2)
-    assert place_of(caught.value) == ""
-
-
-class Entry:
-    """An entry point of a package that is not there."""
-
-    def __init__(self, name, value, load):
-        self.name, self.value, self.dist, self.load = name, value, None, load
-
-
 class Entries(list):
     names = property(lambda self: {point.name for point in self})
 
@@ -288,9 +269,9 @@ def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkey
     def leave():
         raise SystemExit(3)
 
-    twice = [Entry("Twice", "a:X", int), Entry("Twice", "b:X", float)]
-    same = [Entry("Same", "a:Y", dict), Entry("Same", "a:Y", dict)]
-    points = Entries([*twice, *same, Entry("Leaves", "a:Z", leave), Entry("Mortar", "a:M", list)])
+    given = ("Twice", "a:X", int), ("Twice", "b:X", float), ("Same", "a:Y", dict), ("Same", "a:Y", dict)
+    given = *given, ("Leaves", "a:Z", leave), ("Mortar", "a:M", list)
+    points = Entries(SimpleNamespace(name=name, value=value, load=load, dist=None) for name, value, load in given)
     monkeypatch.setattr(by_name.importlib.metadata, "entry_points", lambda group: points)
     with pytest.raises(SceneError, match="'Twice' stands for 'a:X' of a:X and 'b:X' of b:X"):
         find("pairings", "Twice")

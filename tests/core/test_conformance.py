@@ -40,8 +40,6 @@ KNOWN = [DenseElimination]
 
 
 class Parted(Foundation):
-    """The same foundation with its parts."""
-
     def parts(self):
         names = self.problem.parameters.names
         return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
@@ -71,15 +69,9 @@ def test_parts_that_keep_the_contract_pass(check, part, more):
 
 
 @needs("inelastic")
-@pytest.mark.parametrize(
-    "part",
-    [
-        lambda: Bingham(1.0, 20.0), lambda: lambda: hhr.Plasticity(1.0, 5.0), lambda: hhr.Plasticity(1.0),
-        lambda: hhr.Norton(2.0, 4.0),
-    ],
-)  # fmt: skip
-def test_laws_that_keep_the_contract_pass(part):
-    suite.check_law(part())
+def test_laws_that_keep_the_contract_pass():
+    for law in (Bingham(1.0, 20.0), lambda: hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)):
+        suite.check_law(law)
 
 
 def test_parts_of_another_distribution_pass(monkeypatch):
@@ -95,8 +87,6 @@ def test_parts_of_another_distribution_pass(monkeypatch):
 
 @dataclass
 class Changed:
-    """A pairing whose rows are changed."""
-
     pairing: object
     change: object
 
@@ -110,7 +100,6 @@ class Changed:
 
 
 def crossed(rows):
-    """Masters in the opposite order."""
     upper = np.isin(np.arange(rows.matrix.shape[1]) // 2, rows.slaves, invert=True)
     matrix = rows.matrix.toarray()
     return {"matrix": csr_matrix(np.where(upper, matrix[::-1], matrix))}
@@ -118,11 +107,7 @@ def crossed(rows):
 
 COUNT = iter(range(100))
 PAIRINGS = [
-    (
-        PUNCH,
-        lambda rows: {"gap": 2 * rows.gap},
-        "gap . grows by -2 per unit that surface 121 moves outward, and its row says -1: correct one",
-    ),
+    (PUNCH, lambda rows: {"gap": 2 * rows.gap}, "gap . grows by -2 per unit that surface 121 .* row says -1: correct"),
     (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
     (FLOOR, lambda rows: {"areas": rows.areas / 2}, r"uniform pressure by .*: correct areas or rows"),
     (NODES, crossed, "pair each slave with the place where it lies"),
@@ -149,7 +134,7 @@ class Broken:
 
     def flow(self, trial, plastic_strain, shear, dt):
         amount, slope = hhr.Plasticity(1.0, 5.0).flow(trial, plastic_strain, shear, dt)
-        return CHANGES[self.name](self, amount, slope, trial, shear, dt)
+        return CHANGES[self.name][0](self, amount, slope, trial, shear, dt)
 
 
 def softening(law, amount, slope, trial, shear, dt):
@@ -158,37 +143,28 @@ def softening(law, amount, slope, trial, shear, dt):
 
 
 CHANGES = {
-    "wrong slope": lambda law, amount, slope, *_: (amount, 0.3 * slope),
-    "half way": lambda law, amount, slope, *_: (0.5 * amount, 0.5 * slope),
-    "by time": lambda law, amount, slope, trial, shear, dt: (amount * dt, slope * dt),
-    "by mean": lambda law, amount, slope, trial, *_: (amount * trial.mean() / 1e3, slope * trial.mean() / 1e3),
-    "always": lambda law, amount, slope, *_: (amount + 1e-9, slope),
-    "back": lambda law, amount, slope, *_: (-amount, -slope),
-    "softening": softening,
-    "never": lambda law, amount, slope, *_: (0 * amount, 0 * slope),
-    "half an answer": lambda law, amount, *_: amount,
-    "hidden": lambda law, amount, slope, *_: (law.hidden * amount, law.hidden * slope),
-}
-LAWS = {
-    "wrong slope": "differences give .*: return the derivative",
-    "half way": "a second return flows on",
-    "by time": "depends on dt",
-    "by mean": "depends on other points",
-    "always": "flows without stress",
-    "back": "ConvergenceError: .* flows by -",
-    "softening": r"outside 0 to 1 / \(3 mu\)",
-    "never": "nothing flows under strains of 0.02 with young = 200",
-    "half an answer": "SceneError: the law .* must return two arrays",
-    "hidden": "from a file answers otherwise",
+    "wrong slope": (lambda law, a, slope, *_: (a, 0.3 * slope), "differences give .*: return the derivative"),
+    "half way": (lambda law, a, slope, *_: (0.5 * a, 0.5 * slope), "a second return flows on"),
+    "by time": (lambda law, a, slope, trial, shear, dt: (a * dt, slope * dt), "depends on dt"),
+    "by mean": (
+        lambda law, a, slope, trial, *_: (a * trial.mean() / 1e3, slope * trial.mean() / 1e3),
+        "depends on other points",
+    ),
+    "always": (lambda law, a, slope, *_: (a + 1e-9, slope), "flows without stress"),
+    "back": (lambda law, a, slope, *_: (-a, -slope), "ConvergenceError: .* flows by -"),
+    "softening": (softening, r"outside 0 to 1 / \(3 mu\)"),
+    "never": (lambda law, a, slope, *_: (0 * a, 0 * slope), "nothing flows under strains of 0.02 with young = 200"),
+    "half an answer": (lambda law, a, *_: a, "SceneError: the law .* must return two arrays"),
+    "hidden": (lambda law, a, slope, *_: (law.hidden * a, law.hidden * slope), "from a file answers otherwise"),
 }
 
 
 @needs("inelastic")
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", CHANGES)
 def test_broken_laws(name):
     law = Broken(name, rated=name in ("softening", "hidden"))
     law.__dict__["hidden"] = 0.9  # in no field
-    with pytest.raises(ConformanceError, match=f"Broken: .*{LAWS[name]}"):
+    with pytest.raises(ConformanceError, match=f"Broken: .*{CHANGES[name][1]}"):
         suite.check_law(law)
 
 
@@ -204,8 +180,6 @@ def test_a_law_that_is_no_plain_data():
 
 @dataclass(frozen=True)
 class Nodal:
-    """One for each node of a surface, times an amplitude."""
-
     amplitude: object
     force: float = 1.0
 
@@ -232,8 +206,6 @@ class HiddenSquare(Square):
 
 @dataclass(frozen=True)
 class Wind(WindLoad):
-    """Its amplitude is of another class."""
-
     kind: type = Square
 
     def terms(self, assembler):
@@ -356,8 +328,6 @@ class Leaning(Foundation):
 
 
 class Piling(Foundation):
-    """Adds to one vector of loads."""
-
     def equations(self, point, theta):
         problem, stiffness, loads = super().equations(point, theta)
         self.times = getattr(self, "times", 0) + 1
@@ -381,8 +351,6 @@ def test_broken_systems(system):
 
 @dataclass(frozen=True)
 class Steep(DenseElimination):
-    """Its derivatives are twice what they are."""
-
     def _changes(self, *given):
         return tuple(2 * part for part in super()._changes(*given))
 
@@ -466,7 +434,6 @@ FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml")
 
 
 def installed_too(plugin, monkeypatch):
-    """Let a plug-in count as installed."""
     every = {**registry.installed(), plugin.name: plugin}
     monkeypatch.setattr(registry, "installed", lambda: every)
     for cached in (registry.facet, registry.memories):
@@ -477,7 +444,6 @@ def installed_too(plugin, monkeypatch):
     "kind", [pytest.param(kind, marks=needs("inelastic")) if kind == "law" else kind for kind in FOLDERS]
 )
 def test_templates_work_as_they_are(kind, monkeypatch):
-    """Their tests pass, and what their manifests name is there."""
     folder = TEMPLATES / kind
     monkeypatch.syspath_prepend(str(folder))
     installed_too(importlib.import_module(f"my_{kind}").PLUGIN, monkeypatch)

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
+from scenes import block_scene, slope, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
@@ -29,18 +30,16 @@ PATH = [(0.0, 0.0), (1.0, 0.01), (1.5, 0.02), (3.0, 0.02), (6.0, 0.015)]
 def scene(**law):
     """A block pressed on an obstacle, whose pressure is the same everywhere."""
     left, top, bottom = block.side(0, upper=False), block.side(1, upper=True), block.side(1, upper=False)
-    return hhr.Scene(
-        name="wearing",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(WIDTH, HEIGHT), cells=(4, 2)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, YOUNG, POISSON),),
+    return block_scene(
+        "wearing",
+        {"push": (0.0, 0.03)},
+        upper=(WIDTH, HEIGHT),
+        cells=(4, 2),
+        young=YOUNG,
+        poisson=POISSON,
         contacts=(hhr.Obstacle(bottom, (0.0, -1.0), 0.0, **law),),
-        displacements=(
-            hhr.Displacement(left, 0),
-            hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0})),
-        ),
+        displacements=(hhr.Displacement(left, 0), hhr.Displacement(top, 1, slope("push", -1.0))),
         outputs=(hhr.ContactForce("force", 0, direction=(0.0, 1.0)),),
-        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.03,)),
     )
 
 
@@ -57,10 +56,8 @@ def pressures(path):
 
 @pytest.fixture
 def wear(monkeypatch):
-    """The law, whose plug-in is installed."""
-    every = {**registry.installed(), "my_contact_law": PLUGIN}
+    every, kept = {**registry.installed(), "my_contact_law": PLUGIN}, (registry.facet, registry.memories)
     monkeypatch.setattr(registry, "installed", lambda: every)
-    kept = registry.facet, registry.memories
     for cached in kept:
         cached.cache_clear()
     yield Wear(CONSTANT)
@@ -118,28 +115,28 @@ def _store(full):
     return hhr.compute_snapshots(full, [PATH])
 
 
-REFUSING = {
-    "a gradient": lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)),
-    "a projection": lambda full, path: hhr.build(full, _store(full)),
-    "a recipe": lambda full, path: hhr.build(full, _store(full), hhr.Recipe()),
-    "fields for viewers": lambda full, path: hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1]),
-}
-
-
-@pytest.mark.parametrize(
-    "reader", [pytest.param(name, marks=needs("checks") if name == "fields for viewers" else ()) for name in REFUSING]
-)
-def test_what_does_not_know_it_refuses_it(reader, full, tmp_path):
-    with pytest.raises(NotOfferedError, match="not built in"):
-        REFUSING[reader](full, tmp_path)
-
-
-@needs("pages")
-def test_a_page_refuses_it(full, tmp_path):
+def page(full, path):
     from hhr_dolfinx.plugins.pages.arrays import check_model
 
-    with pytest.raises(NotOfferedError, match=r"a page of contacts with wear .* it has no facet 'page'"):
-        check_model(hhr.condense(full))
+    check_model(hhr.condense(full))
+
+
+REFUSING = [
+    (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
+    (lambda full, path: hhr.build(full, _store(full)), "not built in"),
+    (lambda full, path: hhr.build(full, _store(full), hhr.Recipe()), "not built in"),
+    pytest.param(lambda full, path: hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1]),
+                 "not built in", marks=needs("checks")),
+    pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
+    pytest.param(lambda full, path: hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path),
+                 "remember their path", marks=needs("studies")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("read", "why"), REFUSING)
+def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
+    with pytest.raises(NotOfferedError, match=why):
+        read(full, tmp_path)
 
 
 @needs("exporters")
@@ -151,16 +148,10 @@ def test_a_deck_refuses_it(wear, tmp_path):
         write_deck(tmp_path / "a.inp", Discretisation(dataclasses.replace(scene(), contacts=(pair,))), np.array([0.01]))
 
 
-@needs("sliding")
-def test_surfaces_that_slide_refuse_it(wear):
-    with pytest.raises(SceneError, match="wear"):
-        hhr.slide(scene(law=wear))
-
-
-@needs("studies")
-def test_a_study_refuses_it(wear, tmp_path):
-    with pytest.raises(NotOfferedError, match="remember their path"):
-        hhr.study_scene(scene(law=wear), hhr.StudySettings(training=hhr.Sobol(8)), tmp_path)
+def test_a_facet_without_increments_refuses(full, monkeypatch):
+    monkeypatch.setattr(registry, "facet", lambda *_: Steps())
+    with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
+        full.march(PATH)
 
 
 def test_without_its_plug_in_it_is_refused():
@@ -168,39 +159,27 @@ def test_without_its_plug_in_it_is_refused():
         scene(law=Wear(CONSTANT))
 
 
-def test_two_laws_of_a_pair_are_refused(wear):
+def test_scenes_that_it_is_not_made_for_are_refused(wear):
+    """Its rates are divided by areas of one shape, and it does not solve for motions of bodies."""
     with pytest.raises(SceneError, match="several laws, friction, law"):
         scene(law=wear, friction=0.3)
-
-
-def test_a_facet_without_increments_refuses(full, monkeypatch):
-    monkeypatch.setattr(registry, "facet", lambda *_: Steps())
-    with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
-        full.march(PATH)
-
-
-def test_bodies_that_contact_alone_holds_are_refused(wear):
-    """The law does not solve for their motions."""
-    free = scene(law=wear)
-    held = dataclasses.replace(free, displacements=free.displacements[:1], loads=(
-        hhr.Pressure(block.side(1, upper=True), hhr.Amplitude(slopes={"push": 1.0})),
-    ))  # fmt: skip
-    with pytest.raises(SceneError, match=r"contact alone holds bodies .* wear, does not solve for their motions"):
-        hhr.FullOrderModel(held)
-
-
-def test_shapes_are_refused(wear):
-    """Areas that its rates are divided by are those of one shape."""
+    made, lid = scene(law=wear), block.side(1, upper=True)
+    free = {"displacements": made.displacements[:1], "loads": (hhr.Pressure(lid, slope("push")),)}
     wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))
-    box = hhr.ParameterSpace(("push", "wide"), (0.0, 0.0), (0.03, 0.05))
-    with pytest.raises(SceneError, match="have wear, and shapes depend on parameters"):
-        hhr.FullOrderModel(dataclasses.replace(scene(law=wear), shapes=(wide,), parameters=box))
+    for changes, why in (
+        (free, r"contact alone holds bodies .* wear, does not solve for their motions"),
+        ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, and shapes depend on"),
+    ):
+        with pytest.raises(SceneError, match=why):
+            hhr.FullOrderModel(dataclasses.replace(made, **changes))
 
 
 @needs("sliding")
 def test_pairs_that_slide_refuse_it_by_name(wear):
     from hhr_dolfinx import testing
 
+    with pytest.raises(SceneError, match="wear"):
+        hhr.slide(scene(law=wear))
     pair = hhr.NodeToSurface(testing.LOWER_SURFACE, testing.UPPER_SURFACE, law=wear)
     with pytest.raises(SceneError, match=r"has a law, wear 0.05, that is not built in where surfaces slide"):
         hhr.slide(testing.pressed_blocks(contacts=(pair,), openings=()))

@@ -1,10 +1,12 @@
-"""Enrichment by finite element functions, Alg. 3.1."""
+"""POD and DEIM as functions of arrays, and enrichment by finite element functions, Alg. 3.1."""
 
 import dataclasses
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from needs import needs
 from scenes import pressed_pair
 
@@ -12,14 +14,13 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.reduction.enrichment import enrich, record_enrichment
-from hhr_dolfinx.reduction.modes import pod
+from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.timing import StageLog
 
 
 @pytest.fixture(scope="module")
 def few_modes(hertz, hertz_snapshots):
-    """Two modes and a RID with many more contacts than that."""
     basis, _ = pod(hertz_snapshots.displacements, 1e-4)
     sets = reduced_domain(hertz.problem, hertz.problem.contact_slaves[20:30], layers=1)
     assert basis.shape[1] < len(sets.A_lambda)
@@ -28,6 +29,11 @@ def few_modes(hertz, hertz_snapshots):
 
 def kappa(problem, basis, sets):
     return np.linalg.cond((problem.contact @ basis)[sets.A_lambda])
+
+
+def functions_of(problem, conditions):
+    """Finite element functions along the normal e_y of contact conditions, (N, n)."""
+    return np.eye(problem.free.size)[:, 2 * problem.contact_slaves[conditions] + 1]
 
 
 def test_rank_first_then_kappa(hertz, few_modes):
@@ -44,11 +50,9 @@ def test_span_is_that_of_modes_and_contact_functions(hertz, few_modes):
     basis, sets = few_modes
     enriched = enrich(hertz.problem, basis, sets, kappa_max=5.0)
     assert enriched.basis.T @ enriched.basis == pytest.approx(np.eye(enriched.basis.shape[1]), abs=1e-12)
-    slaves = hertz.problem.contact_slaves[enriched.added]
-    functions = np.eye(hertz.problem.free.size)[:, 2 * slaves + 1]  # contact normal e_y
-    for columns in (basis, functions):
+    for columns in (basis, functions_of(hertz.problem, enriched.added)):
         assert enriched.basis @ (enriched.basis.T @ columns) == pytest.approx(columns, abs=1e-12)
-    assert enriched.basis.shape[1] == basis.shape[1] + len(slaves)
+    assert enriched.basis.shape[1] == basis.shape[1] + len(enriched.added)
 
 
 def test_each_choice_is_the_best_one(hertz, few_modes):
@@ -57,9 +61,7 @@ def test_each_choice_is_the_best_one(hertz, few_modes):
     path = enrich(hertz.problem, basis, sets, kappa_max=5.0)
     before = enrich(hertz.problem, basis, sets, kappa_max=path.kappas[-2] * (1 + 1e-9))
     others = []
-    for condition in np.setdiff1d(sets.A_lambda, before.added):
-        function = np.zeros(hertz.problem.free.size)
-        function[2 * hertz.problem.contact_slaves[condition] + 1] = 1.0
+    for function in functions_of(hertz.problem, np.setdiff1d(sets.A_lambda, before.added)).T:
         together, _ = np.linalg.qr(np.column_stack([before.basis, function]))
         others.append(kappa(hertz.problem, together, sets))
     assert path.kappas[-1] == pytest.approx(min(others), rel=1e-6)
@@ -73,16 +75,11 @@ def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes):
     rows = hertz.problem.contact[sets.A_lambda]
     left = list(sets.A_lambda)
     for condition in path.added[:missing]:
-        reached = rows @ basis
-        distances = []
-        columns = []
-        for other in left:
-            function = np.zeros(len(basis))
-            function[2 * hertz.problem.contact_slaves[other] + 1] = 1.0
-            columns.append(np.linalg.qr(np.column_stack([basis, function]))[0][:, -1])
-            image = rows @ columns[-1]
-            distances.append(np.linalg.norm(image - reached @ np.linalg.lstsq(reached, image, rcond=None)[0]))
-        chosen = left.index(condition)
+        reached, chosen = rows @ basis, left.index(condition)
+        functions = functions_of(hertz.problem, left).T
+        columns = [np.linalg.qr(np.column_stack([basis, function]))[0][:, -1] for function in functions]
+        images = rows @ np.transpose(columns)
+        distances = np.linalg.norm(images - reached @ np.linalg.lstsq(reached, images, rcond=None)[0], axis=0)
         assert distances[chosen] == pytest.approx(max(distances), rel=1e-9)
         basis = np.column_stack([basis, columns[chosen]])
         left.remove(condition)
@@ -150,9 +147,8 @@ def test_a_function_in_the_span_is_left_out_and_named(hertz, few_modes):
     """The basis holds one candidate to the last bit; its length is zero, and round-off of it is no direction."""
     basis, sets = few_modes
     held = sets.A_lambda[3]
-    function = np.zeros((hertz.problem.free.size, 1))
-    function[2 * hertz.problem.contact_slaves[held] + 1] = 1.0
-    enriched = enrich(hertz.problem, np.linalg.qr(np.hstack([function, basis]))[0], sets, kappa_max=1.0)
+    both = np.hstack([functions_of(hertz.problem, [held]), basis])
+    enriched = enrich(hertz.problem, np.linalg.qr(both)[0], sets, kappa_max=1.0)
     log = StageLog()
     record_enrichment(enriched, 1.0, log)
     assert list(enriched.left_out) == [held] and held not in enriched.added
@@ -169,10 +165,82 @@ def test_a_basis_that_moves_clamps_is_refused(hertz, few_modes):
 def test_conditions_that_say_the_same_are_told(pair_and_stop):
     """On an imposed master a pair is a stop: no basis helps, and more modes were advised."""
     scene = pair_and_stop[0].scene
-    master = two_blocks.side(two_blocks.FIRST, 1, True)
-    rigid = dataclasses.replace(
-        scene, displacements=(*scene.displacements, *(hhr.Displacement(master, axis) for axis in range(2)))
-    )
+    held = hhr.Displacement.clamp(two_blocks.side(two_blocks.FIRST, 1, True), 2)
+    rigid = dataclasses.replace(scene, displacements=(*scene.displacements, *held))
     training = hhr.train(rigid, hhr.Sobol(16))
     with pytest.raises(NotSolvableError, match="9 contact conditions say the same as another one"):
         training.build()
+
+
+def low_rank(rows, columns, decay, seed):
+    rng = np.random.default_rng(seed)
+    left, _ = np.linalg.qr(rng.normal(size=(rows, columns)))
+    right, _ = np.linalg.qr(rng.normal(size=(columns, columns)))
+    return left * decay ** np.arange(columns) @ right
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10**6), exponent=st.integers(1, 12), columns=st.integers(2, 12))
+def test_pod_leaves_out_less_than_the_tolerance_and_no_mode_too_many(seed, exponent, columns):
+    snapshots = low_rank(40, columns, 0.1, seed)
+    kept_before = snapshots.copy()
+    tolerance = 10.0**-exponent
+    modes, values = pod(snapshots, tolerance)
+    assert np.array_equal(snapshots, kept_before)
+    assert modes.T @ modes == pytest.approx(np.eye(modes.shape[1]), abs=1e-12)
+    left_out = np.sum((snapshots - modes @ (modes.T @ snapshots)) ** 2) / np.sum(snapshots**2)
+    assert left_out < tolerance * (1 + 1e-6)
+    if modes.shape[1] > 1:
+        assert np.sum(values[modes.shape[1] - 1 :] ** 2) / np.sum(values**2) >= tolerance * (1 - 1e-12)
+
+
+def test_pod_stops_at_the_rank():
+    """Duplicated and collinear snapshots: modes of round-off are not modes."""
+    two = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0]]).T
+    snapshots = np.column_stack([two, two, 2 * two[:, 0], two.sum(axis=1)])
+    assert pod(snapshots, 1e-300)[0].shape[1] == 2
+
+
+@pytest.mark.parametrize(
+    ("snapshots", "message"),
+    [(np.ones((4, 1)), "at least 2"), (np.zeros((4, 3)), "zero"), (np.full((4, 3), np.nan), "finite")],
+)
+def test_pod_refuses_useless_snapshots(snapshots, message):
+    with pytest.raises(ReductionError, match=message):
+        pod(snapshots, 1e-6)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10**6), modes=st.integers(1, 10))
+def test_deim_interpolates_its_span_exactly(seed, modes):
+    rng = np.random.default_rng(seed)
+    basis, _ = np.linalg.qr(rng.normal(size=(30, modes)))
+    points = deim(basis)
+    assert len(set(points)) == modes
+    field = basis @ rng.normal(size=modes)
+    rebuilt = basis @ np.linalg.solve(basis[points], field[points])
+    # error amplified by the DEIM constant |(P^T V)^-1|, at most about 1e4 for 10 modes
+    assert rebuilt == pytest.approx(field, abs=1e-10)
+
+
+def test_deim_follows_the_algorithm():
+    """Alg. 1.2 by hand: the largest entry, then the largest residual."""
+    assert deim(np.array([[1.0, 0.5], [0.5, 1.0], [0.0, 0.9]])).tolist() == [0, 2]
+
+
+def test_deim_refuses_dependent_columns():
+    with pytest.raises(ReductionError, match="column 1"):
+        deim(np.ones((4, 2)))
+
+
+def test_snapshots_are_scaled_in_the_norm_of_the_modes(hertz, hertz_snapshots):
+    """With ``relative`` a snapshot counts as 1 in that norm, so that the mean square of the modes' norms is 1 too.
+
+    The squared singular values of a POD sum to that of the scaled snapshots: all have the energy 1.
+    """
+    columns = hertz_snapshots.displacements[:, 1:]
+    energies = np.sqrt(np.einsum("nk,nk->k", columns, hertz.problem.stiffness @ columns))
+    scaled = hhr.Pod(1e-8, norm="energy").of_columns(hertz.problem, columns / energies)
+    found = hhr.Pod(1e-8, relative=True, norm="energy").of_columns(hertz.problem, columns)
+    assert found.shape == scaled.shape
+    assert np.abs(found - scaled).max() <= 1e-8 * np.abs(scaled).max()

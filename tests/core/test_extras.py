@@ -1,13 +1,11 @@
 """Without what is optional a matching elastic scene is reduced, and what needs it says how to get it."""
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS, python
 from needs import present
 
 from hhr_dolfinx import compat
@@ -33,7 +31,7 @@ sys.path[:0] = {SCENE_FOLDERS!r}
 for name in {sorted(set.union(*OPTIONAL.values()))!r}:
     sys.modules[name] = None
 import hhr_dolfinx as hhr
-from scenes import pressed_block
+from scenes import pressed_block, pressed_pair
 """
 
 ELASTIC = """
@@ -57,38 +55,22 @@ NEEDED = {
     "pictures": "import hhr_dolfinx.plugins.checks.fields",
     "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
-    "mortar": """
-import dataclasses
-from hhr_dolfinx.geometries import stacked_blocks as stacked
-sides = [stacked.interface(body, 3) for body in (stacked.LOWER, stacked.UPPER)]
-lid, foot = stacked.outer_end(stacked.UPPER, 3), stacked.outer_end(stacked.LOWER, 3)
-hhr.FullOrderModel(hhr.Scene(
-    name="stacked",
-    geometry=lambda comm: stacked.stacked_blocks(comm, lower=(1, 1, 1), upper=(2, 2, 1)),
-    hypothesis="solid",
-    bodies=(hhr.Body(stacked.LOWER, 1.0, 0.3), hhr.Body(stacked.UPPER, 1.0, 0.3)),
-    contacts=(hhr.Mortar(*sides),),
-    parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
-    displacements=tuple(hhr.Displacement(tag, axis) for tag in (lid, foot) for axis in range(3)),
-))
-""",
+    "mortar": "from hhr_dolfinx.geometries.two_blocks import side\n"
+    "mortar = hhr.Mortar(side(1, 2, True), side(2, 2, False))\n"
+    "hhr.FullOrderModel(pressed_pair('solid', ((1.0, 0.3), (1.0, 0.3)), cells=1, matching=False, contacts=(mortar,)))",
 }
 
 
-def run(program, folder):
-    """Run a program in a Python that has none of the optional packages."""
-    return subprocess.run(
-        [sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, cwd=folder, timeout=WAIT
-    )
+def run(program, folder, code=0):
+    """A program in a Python that has none of the optional packages."""
+    return python("-c", BLOCKED + program, code=code, cwd=folder)
 
 
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory):
     """Modules that an elastic scene loads from the training to the model read back from its file."""
     folder = tmp_path_factory.mktemp("elastic")
-    done = run(ELASTIC, folder)
-    assert done.returncode == 0, done.stderr[-2000:]
-    status, error = done.stdout.split()
+    status, error = run(ELASTIC, folder).stdout.split()
     assert status == "CONVERGED" and abs(float(error)) < 1e-9
     return set((folder / "modules").read_text().split())
 
@@ -110,9 +92,8 @@ OF_PLUGINS = {"doors": "doors", "local": "local", "pictures": "checks", "tables"
 
 @pytest.mark.parametrize("name", [name for name in NEEDED if name not in OF_PLUGINS or present(OF_PLUGINS[name])])
 def test_where_an_extra_is_needed_the_error_names_it(name, tmp_path):
-    done = run(NEEDED[name], tmp_path)
-    last = done.stderr.strip().splitlines()[-1]
-    assert done.returncode == 1 and last.startswith("hhr_dolfinx.errors.MissingPackageError"), done.stderr[-2000:]
+    last = run(NEEDED[name], tmp_path, code=1).stderr.strip().splitlines()[-1]
+    assert last.startswith("hhr_dolfinx.errors.MissingPackageError"), last
     assert f"pip install hhr_dolfinx[{name}]" in last
     assert any(f"the package {package}" in last for package in OPTIONAL[name])
 

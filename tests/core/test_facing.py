@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from needs import needs
+from scenes import slope, space
 from test_pairings_independent import make
 
 import hhr_dolfinx as hhr
@@ -52,10 +53,8 @@ def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
     points = np.vstack([upper, lower])
     names = ("whole", "whole") if whole else ("lower", "upper")
     surfaces = []
-    for tag, (sides, name, own, first) in enumerate(
-        ((upper_sides, names[0], upper, 0), (lower_sides, names[1], lower, len(upper))), 1
-    ):
-        facets = sides[name] + first
+    bodies = (upper_sides[names[0]], upper), (lower_sides[names[1]] + len(upper), lower)
+    for tag, (facets, own) in enumerate(bodies, 1):
         # what lies behind the middle of each facet, by a cell; boxes are convex seen from their own middle
         vectors = area_vectors(points[facets])
         normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
@@ -85,42 +84,35 @@ def rows_of(pairing, surfaces, points, matching):
 
 
 CELLS = [(2, False), (3, False), (3, True)]
+GAPS = 1.5, 0.0, -0.05
+
+
+def closes(rows, points, count, within):
+    """Moving the upper box, the first ``count`` nodes, down by one closes each gap by one."""
+    down = np.zeros_like(points)
+    down[:count, -1] = -1.0
+    np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=within)
 
 
 @pytest.mark.parametrize("name", kinds(2))
 @pytest.mark.parametrize(("dim", "triangles"), CELLS)
 @pytest.mark.parametrize("whole", [False, True])
-def test_each_pairing_finds_the_flat_side_that_faces(name, dim, triangles, whole):
+def test_each_pairing_finds_the_side_that_faces(name, dim, triangles, whole):
     """One condition for each node of that side, its gap, and the area of that side alone, without a word.
 
-    Lengths are about 1, and errors those of round-off: 1e-12.
+    Lengths are about 1, and errors those of round-off: 1e-12. Then a side that hangs through, over a body that is
+    wider, where that is no matter of matching nodes: gaps of nodes are exact, those along the normals of the convex
+    side longer by 2 % at most, and integrated ones lie between the least and the largest.
     """
-    pairing = kinds(dim)[name]
-    for count, gap in itertools.product((1, 3), (1.5, 0.0, -0.05)):
-        surfaces, points, gaps = pair(dim, count, gap, whole=whole, triangles=triangles)
+    pairing, body = kinds(dim)[name], {"whole": whole, "triangles": triangles}
+    for count, gap in itertools.product((1, 3), GAPS):
+        surfaces, points, gaps = pair(dim, count, gap, **body)
         rows = rows_of(pairing, surfaces, points, matching=True)
         np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12, err_msg=f"{count} cells, gap {gap}")
         assert rows.areas.sum() == pytest.approx(1.0, abs=1e-12)
-        # moving the upper box down by one closes each gap by one
-        down = np.zeros_like(points)
-        down[: (count + 1) ** dim, -1] = -1.0
-        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", kinds(2))
-@pytest.mark.parametrize(("dim", "triangles"), CELLS)
-@pytest.mark.parametrize("whole", [False, True])
-def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, whole):
-    """The same of a side that hangs through, over a body that is wider, where that is no matter of matching nodes.
-
-    Gaps of nodes are exact. Those along the normals of the convex side are longer by 2 % at most, and integrated ones
-    lie between the least and the largest.
-    """
-    pairing = kinds(dim)[name]
-    for gap in (1.5, 0.0, -0.05):
-        surfaces, points, gaps = pair(
-            dim, 4, gap, whole=whole, triangles=triangles, bulge=BULGE, wide=name != "node to node"
-        )
+        closes(rows, points, (count + 1) ** dim, 1e-12)
+    for gap in GAPS:
+        surfaces, points, gaps = pair(dim, 4, gap, bulge=BULGE, wide=name != "node to node", **body)
         rows = rows_of(pairing, surfaces, points, matching=False)
         rows = rows.take(np.flatnonzero(rows.slaves < 5**dim))
         assert rows.gap.size == gaps.size, f"gap {gap}"
@@ -129,9 +121,7 @@ def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, who
             assert gaps.min() - 1e-12 < rows.gap.min() and rows.gap.max() < gaps.max() + longer
         else:
             np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12)
-        down = np.zeros_like(points)
-        down[: 5**dim, -1] = -1.0
-        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=0.02)
+        closes(rows, points, 5**dim, 0.02)
 
 
 def circle(count):
@@ -193,22 +183,16 @@ def pressed_squares(pairing, dim, *, whole, simplices=False):
 
     tags = (2, 1) if whole else (two_blocks.side(2, up, False), two_blocks.side(1, up, True))
     below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
+    held = *hhr.Displacement.clamp(below, dim), *hhr.Displacement.clamp(above, up)
     return hhr.Scene(
         name="pressed_squares",
         geometry=geometry,
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body(1, 1e3, 0.0), hhr.Body(2, 1e3, 0.0)),
         contacts=(pairing(*tags),),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
-        displacements=(
-            *hhr.Displacement.clamp(below, dim),
-            *(hhr.Displacement(above, axis) for axis in range(up)),
-            hhr.Displacement(above, up, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
-        outputs=(
-            hhr.LargestPressure("pressure", contact=0),
-            hhr.ContactForce("force", contact=0, direction=(0.0,) * up + (1.0,)),
-        ),
+        parameters=space(down=(0.0, 0.05)),
+        displacements=(*held, hhr.Displacement(above, up, slope("down", -1.0))),
+        outputs=(hhr.LargestPressure("pressure", 0), hhr.ContactForce("force", 0, (0.0,) * up + (1.0,))),
     )
 
 

@@ -13,6 +13,7 @@ import pytest
 from dolfinx import io
 from mpi4py import MPI
 from needs import needs
+from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
@@ -42,13 +43,18 @@ TOOL = nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
 WEDGE = [(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))]
 
 
+def written(path, text):
+    path.write_text(text)
+    return path
+
+
 def two_cubes(path, names=NUMBERS):
     lower, upper, floor, top, under, lid = names
     return hhr.Scene(
         name="two_cubes",
         geometry=hhr.MeshFile(path),
         hypothesis="solid",
-        bodies=(hhr.Body(lower, 1e3, 0.0), *(() if upper is None else (hhr.Body(upper, 1e3, 0.0),))),
+        bodies=tuple(hhr.Body(tag, 1e3, 0.0) for tag in (lower, upper) if tag is not None),
         contacts=(hhr.NodeToSurface(under, top),),
         displacements=(
             *hhr.Displacement.clamp(floor, 3),
@@ -102,19 +108,15 @@ EXTRA = {
 @pytest.mark.parametrize("what", EXTRA)
 def test_what_no_scene_names_does_not_refuse_a_deck(what, tmp_path):
     text, wanted = EXTRA[what]
-    path = tmp_path / "blocks.inp"
-    path.write_text(DECK + text)
+    path = written(tmp_path / "blocks.inp", DECK + text)
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
     found = reasons(path)
-    assert found.keys() == wanted.keys()
-    for name, why in wanted.items():
-        assert why in found[name]
+    assert found.keys() == wanted.keys() and all(why in found[name] for name, why in wanted.items())
 
 
 def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
-    path = tmp_path / "blocks.inp"
-    path.write_text(DECK + EXTRA["skin"][0] + EXTRA["union"][0] + "*SURFACE, NAME=OUTSIDE\nUPPER,\n")
-    surfaces = hhr.MeshFile(path).read().surfaces
+    text = DECK + EXTRA["skin"][0] + EXTRA["union"][0] + "*SURFACE, NAME=OUTSIDE\nUPPER,\n"
+    surfaces = hhr.MeshFile(written(tmp_path / "blocks.inp", text)).read().surfaces
     facets = {name: {frozenset((own + 1).tolist()) for own in rows} for name, rows in surfaces.items()}
     assert facets["S_SKIN"] == facets["SKIN"] == {frozenset(FACES[14])}
     assert facets["BOTH"] == {frozenset(FACES[12]), frozenset(FACES[13])}
@@ -123,21 +125,20 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
 
 def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
     """Without it the mesh would have a hole."""
-    path = tmp_path / "mixed.inp"
-    path.write_text(DECK + nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100)
-                    + "*ELEMENT, TYPE=C3D6, ELSET=UPPER\n3, 15, 16, 100, 11, 12, 101\n")  # fmt: skip
+    nodes, wedge = nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100), "3, 15, 16, 100, 11, 12, 101\n"
+    path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
     with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
         hhr.MeshFile(path).read()
 
 
 def test_an_element_ends_when_it_has_its_nodes(tmp_path):
-    path = tmp_path / "commas.inp"
-    path.write_text(re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
+    """And goes on where it has not; a deck is read by its content, whatever its ending."""
+    path = written(tmp_path / "commas.inp", re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
     assert path.read_text().count("8,\n") == 1
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
-    # and goes on where it has not
-    path.write_text(DECK.replace("1, 1, 2, 3, 4, 5", "1, 1, 2, 3, 4,\n5"))
-    assert len(hhr.MeshFile(path).read().cells) == 2
+    path = written(tmp_path / "cgx.msh", DECK.replace("1, 1, 2, 3, 4, 5", "1, 1, 2, 3, 4,\n5"))
+    found = hhr.MeshFile(path).read()
+    assert len(found.cells) == 2 and found.kind == "hexahedron"
 
 
 def nastran():
@@ -223,14 +224,11 @@ MARKERS = {
 @pytest.mark.parametrize("what", MARKERS)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     name, text, names = MARKERS[what]
-    path = tmp_path / name
-    path.write_text(text)
-    assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
+    assert pressure(written(tmp_path / name, text), names) == pytest.approx(10.0, rel=1e-9)
 
 
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
-    path = tmp_path / "c.vtu"
-    path.write_text(MARKERS["one of two arrays"][1])
+    path = written(tmp_path / "c.vtu", MARKERS["one of two arrays"][1])
     with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
         pressure(path)
 
@@ -246,12 +244,11 @@ def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
     gmsh.model.mesh.generate(3)
     for version in (2.2, 4.1):
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
-        gmsh.write(str(tmp_path / f"{version}.msh"))
-    gmsh.finalize()
-    for version in (2.2, 4.1):
-        found = reasons(tmp_path / f"{version}.msh")
+        gmsh.write(str(tmp_path / "lines.msh"))
+        found = reasons(tmp_path / "lines.msh")
         assert found["edge"] == "a set of 1 line; supports, loads and contacts need facets", version
         assert found["pin"] == "a set of 1 node; supports, loads and contacts need facets", version
+    gmsh.finalize()
 
 
 def cubes_of_dolfinx():
@@ -351,32 +348,12 @@ def test_xdmf_without_its_numbers(tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
-def exodus(path, kind):
+def exodus(path, form):
     """Blocks of hexahedra, of faces and of a line, as meshio and MOOSE write them."""
     blocks = {1: ("HEX8", [CUBES[0]]), 5: ("BAR2", [(1, 16)]), 2: ("HEX8", [CUBES[1]])}
     blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items() if n != 14}
-    with netcdf4("a test").Dataset(path, "w", format=kind) as data:
-        for name, size in (
-            ("num_nodes", 16),
-            ("num_dim", 3),
-            ("num_el_blk", len(blocks)),
-            ("num_side_sets", 1),
-            ("one", 1),
-        ):
-            data.createDimension(name, size)
-        data.createVariable("coord", "f8", ("num_dim", "num_nodes"))[:] = np.array(POINTS).T
-        for k, (type_, rows) in enumerate(blocks.values(), 1):
-            data.createDimension(f"num_el_in_blk{k}", len(rows))
-            data.createDimension(f"num_nod_per_el{k}", len(rows[0]))
-            block = data.createVariable(f"connect{k}", "i4", (f"num_el_in_blk{k}", f"num_nod_per_el{k}"))
-            block.elem_type = type_
-            block[:] = rows
-        data.createVariable("eb_prop1", "i4", ("num_el_blk",))[:] = list(blocks)
-        data.createVariable("ss_prop1", "i4", ("num_side_sets",))[:] = [14]
-        # side 6 of the third element of the file, which is the second hexahedron
-        data.createVariable("elem_ss1", "i4", ("one",))[:] = 3
-        data.createVariable("side_ss1", "i4", ("one",))[:] = 6
-    return path
+    # side 6 of the third element of the file, which is the second hexahedron
+    return write_exodus(path, POINTS, blocks, {14: [(3, 6)]}, form=form)
 
 
 @pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
@@ -464,17 +441,13 @@ def test_common_sides_with_nodes_at_two_places_are_named(kind, tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
-TRIANGLES = "*ELEMENT, TYPE=CPE{}, ELSET=A\n"
 LAME = {
     "a node of a side that is a corner": (
         nodes_of_deck([(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)])
-        + TRIANGLES.format(6) + "1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n",
+        + "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n",
         "a node in the middle that is that of another side or a corner of a cell",
     ),
-    "a cell with a node twice": (
-        nodes_of_deck([(0, 0), (1, 0), (1, 1), (0, 1)]) + TRIANGLES.format(3) + "1, 1, 2, 3\n2, 1, 1, 3\n",
-        "1 of 2 triangles have a node twice",
-    ),
+
     "a hexahedron that is a wedge": (
         nodes_of_deck(POINTS[:8]) + "*ELEMENT, TYPE=C3D8, ELSET=A\n1, 1, 2, 3, 3, 5, 6, 7, 7\n",
         "have a node twice",
@@ -485,18 +458,20 @@ LAME = {
 @pytest.mark.parametrize("what", LAME)
 def test_cells_that_do_not_fit_are_refused_before_dolfinx_sees_them(what, tmp_path):
     text, message = LAME[what]
-    (tmp_path / "lame.inp").write_text(text)
     with pytest.raises(FileContentError, match=message):
-        hhr.MeshFile(tmp_path / "lame.inp")(MPI.COMM_SELF)
+        hhr.MeshFile(written(tmp_path / "lame.inp", text))(MPI.COMM_SELF)
 
 
 BEAM = DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0]
 
 
-def test_a_summary_of_a_file(tmp_path):
-    path = tmp_path / "beam.inp"
-    path.write_text(BEAM)
-    text = summary_of(hhr.MeshFile(path).read(), path, scale=2.0).text()
+@pytest.fixture
+def beam(tmp_path):
+    return written(tmp_path / "beam.inp", BEAM)
+
+
+def test_a_summary_of_a_file(beam):
+    text = summary_of(hhr.MeshFile(beam).read(), beam, scale=2.0).text()
     assert text.startswith("beam.inp: 16 nodes, 2 hexahedra of first order, x 0 to 2, y 0 to 2, z 0 to 4.02\n")
     assert "    UPPER  1 cell, x 0 to 2, y 0 to 2, z 2.02 to 4.02\n" in text
     assert "    SLAVE   1 facet, x 0 to 2, y 0 to 2, z = 2.02\n" in text
@@ -509,63 +484,39 @@ def test_a_summary_of_a_file(tmp_path):
     [("EDGE", "'EDGE' is in the file: a set of 2 nodes that holds no whole facet"),
      ("TABLE", "'TABLE' is in the file: 1 element of type S4"), ("WHERE", "Name one of these")],
 )  # fmt: skip
-def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, tmp_path):
-    path = tmp_path / "beam.inp"
-    path.write_text(BEAM)
+def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, beam):
     with pytest.raises(SceneError, match=f"no surface of the mesh is called '{tag}'.*") as found:
-        pressure(path, (*NAMES[:2], tag, *NAMES[3:]))
+        pressure(beam, (*NAMES[:2], tag, *NAMES[3:]))
     assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
 
 
 def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
-    path = tmp_path / "c.bdf"
-    path.write_text(nastran())
     with pytest.raises(SceneError, match=r"facet tags \[15\] are not in the mesh") as found:
-        pressure(path, (1, 2, 11, 12, 13, 15))
+        pressure(written(tmp_path / "c.bdf", nastran()), (1, 2, 11, 12, 13, 15))
     assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
 
 
 @needs("checks")
-def test_check_of_a_scene_names_what_is_left_out(tmp_path):
+def test_check_of_a_scene_names_what_is_left_out(beam):
     from hhr_dolfinx.plugins.checks.check import check_scene
 
-    path = tmp_path / "beam.inp"
-    path.write_text(BEAM)
-    notes = [finding.text for finding in check_scene(two_cubes(path, NAMES)).findings if finding.level == "note"]
+    notes = [finding.text for finding in check_scene(two_cubes(beam, NAMES)).findings if finding.level == "note"]
     assert any("TABLE: 1 element of type S4" in text for text in notes)
 
 
 @needs("checks")
-def test_check_of_a_file_lists_what_it_holds(tmp_path, monkeypatch):
-    from click.testing import CliRunner
-
-    from hhr_dolfinx.command.main import hhr as command
+def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
+    from shell import invoke
 
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "beam.inp").write_text(BEAM)
     (tmp_path / "folder").mkdir()
-    found = CliRunner().invoke(command, ["check", "beam.inp"])
-    assert found.exit_code == 0 and "TABLE  1 element of type S4" in found.output and "EDGE" in found.output
-    assert "hhr.MeshFile('beam.inp')" in found.output
+    code, said = invoke("check", "beam.inp")
+    assert code == 0 and "hhr.MeshFile('beam.inp')" in said
+    assert "TABLE  1 element of type S4" in said and "EDGE" in said
     for name, message in (("folder", "ElmerGrid"), ("none.msh", "there is no mesh file none.msh")):
-        found = CliRunner().invoke(command, ["check", name])
-        assert found.exit_code == 3 and message in found.output, found.output
-    assert CliRunner().invoke(command, ["check", "beam.inp", "--at", "load=3"]).exit_code == 2
-
-
-def test_a_deck_of_another_ending_is_read_by_its_content(tmp_path):
-    path = tmp_path / "cgx.msh"
-    path.write_text(DECK)
-    assert hhr.MeshFile(path).read().kind == "hexahedron"
-
-
-def test_files_that_are_no_meshes_say_why(tmp_path):
-    (tmp_path / "text.msh").write_text("not a mesh")
-    (tmp_path / "k.mdpa").write_text("Begin Nodes\n1 0 0 0\nEnd Nodes\nBegin Elements SmallDisplacementElement3D8N\n"
-                                     "1 0 1 1 1 1 1 1 1 1\nEnd Elements\n")  # fmt: skip
-    for name, why in (("text.msh", "Couldn't read file"), ("k.mdpa", "of a format that is not understood")):
-        with pytest.raises(FileContentError, match=why):
-            hhr.MeshFile(tmp_path / name).read()
+        code, said = invoke("check", name)
+        assert code == 3 and message in said, said
+    assert invoke("check", "beam.inp", "--at", "load=3")[0] == 2
 
 
 @needs("checks")
@@ -575,17 +526,13 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
 
     from hhr_dolfinx.plugins.checks.check import check_scene
 
-    path = tmp_path / "blocks.inp"
-    path.write_text(DECK)
-    scene = two_cubes(path, NAMES)
+    scene = two_cubes(written(tmp_path / "blocks.inp", DECK), NAMES)
     space = hhr.ParameterSpace(("down", "E"), (0.0, 500.0), (0.05, 1500.0))
     varying = replace(scene, parameters=space, bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]))
-    (text,) = [item.text for item in check_scene(varying).findings if "gaps from" in item.text]
-    assert (
-        "gaps from 0.01 to 0.01 as drawn, which imposed displacements bring to -0.015 to -0.015 at down = 0.025" in text
-    )
-    (text,) = [item.text for item in check_scene(scene).findings if "gaps from" in item.text]
-    assert "gaps from 0.01 to 0.01, facets" in text
+    brought = "as drawn, which imposed displacements bring to -0.015 to -0.015 at down = 0.025"
+    for one, said in ((varying, f" {brought}"), (scene, ", facets")):
+        (text,) = [item.text for item in check_scene(one).findings if "gaps from" in item.text]
+        assert f"gaps from 0.01 to 0.01{said}" in text
 
 
 def test_groups_of_nodes_of_med(tmp_path):

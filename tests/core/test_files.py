@@ -226,20 +226,13 @@ def test_a_snapshot_comes_back(store):
     assert solution.converged and store.found == 1
 
 
-def test_a_snapshot_under_the_name_of_another_point_is_not_taken(store, tmp_path):
+def test_a_snapshot_under_the_name_of_another_point_or_problem_is_not_taken(store, tmp_path):
     here = only_file(tmp_path)
-    store.save(answer(POINT + 1.0, seed=1))
-    (other,) = set(tmp_path.glob("*.npz")) - {here}
-    shutil.copy(other, here)
-    refused(store, f"{here.name} belongs to another problem or parameter")
-
-
-def test_a_snapshot_of_another_problem_under_the_same_name_is_not_taken(store, tmp_path):
-    (tmp_path / "other").mkdir()
     wider = dataclasses.replace(bare_problem(), gaps=2 * bare_problem().gaps)
-    hhr.SnapshotStore(tmp_path / "other", BareFull(wider)).save(answer(POINT, seed=1))
-    shutil.copy(only_file(tmp_path / "other"), only_file(tmp_path))
-    refused(store, "belongs to another problem or parameter")
+    for name, point, full in (("point", POINT + 1.0, BareFull()), ("problem", POINT, BareFull(wider))):
+        hhr.SnapshotStore(tmp_path / name, full).save(answer(point, seed=1))
+        shutil.copy(only_file(tmp_path / name), here)
+        refused(store, f"{here.name} belongs to another problem or parameter")
 
 
 CHANGES = {
@@ -291,12 +284,9 @@ def test_a_wider_box_finds_the_snapshots_of_the_narrower_one(store, tmp_path):
 
 
 def test_another_version_of_the_package_solves_anew(store, tmp_path, monkeypatch):
+    assert hhr.__version__.split(".")[0].isdigit()
     monkeypatch.setattr("hhr_dolfinx.snapshots.store.__version__", "999.0")
     assert hhr.SnapshotStore(tmp_path, BareFull()).load(POINT) is None
-
-
-def test_the_package_says_its_version():
-    assert hhr.__version__.split(".")[0].isdigit()
 
 
 def test_a_full_training_replaces_a_damaged_file(small, tmp_path):
@@ -327,17 +317,11 @@ def table(tmp_path):
 
 
 @needs("tables")
-def test_lines_of_a_table_are_those_of_the_file(table, small):
-    rows = hhr.read_points(table, small.parameters)
-    assert [row.line for row in rows] == [2, 4, 5, 6, 7, 9, 10]
-    assert rows[0].cells == ["170", "3.2"]
-
-
-@needs("tables")
 def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, small_reduction, tmp_path):
-    space = small_reduction.parameters
+    given = hhr.read_points(table, small_reduction.parameters)
+    assert [row.line for row in given] == [2, 4, 5, 6, 7, 9, 10] and given[0].cells == ["170", "3.2"]
     console = Console(record=True, width=200, file=open(os.devnull, "w"))
-    bad = hhr.answer_table(small_reduction, hhr.read_points(table, space), tmp_path / "answers.csv", console)
+    bad = hhr.answer_table(small_reduction, given, tmp_path / "answers.csv", console)
     with open(tmp_path / "answers.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert bad == 5 and len(rows) == 7
@@ -388,9 +372,8 @@ class Trained:
     """A training without the check on held-out points, for which this grid is too coarse."""
 
     def __init__(self, scene, counts):
-        full_order = hhr.FullOrderModel(scene)
-        self.full_order = full_order
-        self.snapshots = hhr.compute_snapshots(full_order, full_order.parameters.grid(counts))
+        self.full_order = hhr.FullOrderModel(scene)
+        self.snapshots = hhr.compute_snapshots(self.full_order, self.full_order.parameters.grid(counts))
 
     def build(self):
         return hhr.build(self.full_order, self.snapshots)

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from bare import WAIT
+from bare import WAIT, python
 from needs import needs
 from test_mpi import launch
 
@@ -34,10 +34,7 @@ cli.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " *
 def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
     """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
     asked = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE")}
-    run = subprocess.run(
-        [sys.executable, "-c", SPEAKS], capture_output=True, text=True, cwd=tmp_path, env=asked | wishes, timeout=WAIT
-    )
-    assert run.returncode == 0, run.stderr[-3000:]
+    run = run_talk(tmp_path, env=asked | wishes)
     plain = re.sub(r"\x1b\[[\d;]*m", "", run.stdout)
     assert plain == run.stdout or "FORCE_COLOR" in wishes
     assert "\x1b" not in plain and "\r" not in plain
@@ -74,20 +71,22 @@ def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
     assert len(words) > 4 and max(map(len, words)) <= 60
 
 
-def run_talk(folder, out):
-    command = [sys.executable, "-c", SPEAKS, "--out", str(out)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
+def run_talk(folder, *out, code=0, **how):
+    return python("-c", SPEAKS, *(word for name in out for word in ("--out", name)), code=code, cwd=folder, **how)
 
 
 @needs("studies")
 def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
+    """And nothing stays of the trial in one that can."""
     (tmp_path / "file").write_text("")
     for out in ("file", "file/results"):
-        run = run_talk(tmp_path, out)
-        assert run.returncode == 2 and not run.stdout
+        run = run_talk(tmp_path, out, code=2)
+        assert not run.stdout
         said = run.stderr.splitlines()[-1]
         assert f"--out {out}: results cannot be written" in said and "Name another folder" in said
         assert "Traceback" not in run.stderr
+    run_talk(tmp_path, "results/deep")
+    assert not any((tmp_path / "results/deep").iterdir())
 
 
 @needs("studies")
@@ -134,13 +133,6 @@ def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
     assert printed.count("results cannot be written") == 1 and printed.count("ended with 2") == 2
 
 
-@needs("studies")
-def test_nothing_stays_of_the_trial(tmp_path):
-    run = run_talk(tmp_path, "results/deep")
-    assert run.returncode == 0, run.stderr
-    assert not any((tmp_path / "results/deep").iterdir())
-
-
 def packages(text):
     """Names of Debian packages behind the first ``apt-get install -y`` or ``packages=`` in a text, options left out."""
     names = re.search(r'(?:apt-get install -y|packages=")([^"`&$]*)', text.replace("\\\n", " "))[1]
@@ -163,23 +155,27 @@ def test_one_list_of_system_packages():
     assert all(f" {name}" in integration for name in asked_by_tests)
 
 
+def set_up(folder):
+    """``scripts/setup.sh`` of a copy of a project, with the Python that lies in it."""
+    environment = os.environ | {"PYTHON": str(folder / "python"), "HOME": str(folder)}
+    command = ["sh", str(folder / "scripts/setup.sh")]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=WAIT)
+
+
 def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
-    """``scripts/setup.sh`` in a copy of a project, with a Python whose venvs hold a ``pip`` that is a shell script."""
+    """A set-up with a Python whose venvs hold a ``pip`` that is a shell script."""
     (folder / "scripts").mkdir()
     (folder / "pyproject.toml").write_text("")
     (folder / "scripts/setup.sh").write_text((ROOT / "scripts/setup.sh").read_text())
-    python = folder / "python"
-    python.write_text(
+    (folder / "python").write_text(
         "#!/bin/sh\n"
         f'case "$*" in *pip*install*) {pip} ;;\n'
         f'*"-m venv"*) for last; do :; done; mkdir -p "$last/bin"; cp "$0" "$last/bin/python" ;;\n'
         f'*sysconfig*) exec "{sys.executable}" "$@" ;;\n'
         "*) exit 0 ;; esac\n"
     )
-    python.chmod(0o755)
-    command = ["sh", str(folder / "scripts/setup.sh")]
-    environment = os.environ | {"PYTHON": str(python), "HOME": str(folder)}
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=WAIT)
+    (folder / "python").chmod(0o755)
+    return set_up(folder)
 
 
 def test_set_up_says_what_it_does(tmp_path):
@@ -197,7 +193,7 @@ def test_set_up_says_what_it_does(tmp_path):
     assert re.fullmatch(r"Set up in \d+ s: \d+ MB in .venv", lines[-1])
     assert "\r" not in run.stderr and "\x1b" not in run.stderr and all(line.strip() for line in lines)
     assert "Collecting vtk" in (tmp_path / ".venv/pip.log").read_text()
-    again = subprocess.run(["sh", str(tmp_path / "scripts/setup.sh")], capture_output=True, text=True, timeout=WAIT)
+    again = set_up(tmp_path)
     assert again.returncode == 0 and not again.stderr
 
 
@@ -217,13 +213,7 @@ def test_set_up_removes_no_environment_but_its_own(tmp_path):
     assert run.returncode == 1 and ".venv was not made by this set-up" in run.stderr
     assert (tmp_path / ".venv/pyvenv.cfg").read_text() == "mine"
     (tmp_path / ".venv/pip.log").write_text("")
-    again = subprocess.run(
-        ["sh", str(tmp_path / "scripts/setup.sh")],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHON": str(tmp_path / "python"), "HOME": str(tmp_path)},
-        timeout=WAIT,
-    )
+    again = set_up(tmp_path)
     assert again.returncode == 0, again.stderr
     assert not (tmp_path / ".venv/pyvenv.cfg").exists()
 
@@ -255,15 +245,13 @@ def test_documentation_and_set_up_tell_the_same_sizes():
 )  # fmt: skip
 def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
     """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an error."""
-    (code,) = re.findall(
-        r"\"\$1\" -c '(import importlib.*?)' >/dev/null", (ROOT / "scripts/setup.sh").read_text(), re.S
-    )
+    script = (ROOT / "scripts/setup.sh").read_text()
+    (code,) = re.findall(r"\"\$1\" -c '(import importlib.*?)' >/dev/null", script, re.S)
     for name in ("dolfinx_solver", "mpi4py", "slepc4py"):
         (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
     (tmp_path / "petsc4py.py").write_text(f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n")
-    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=WAIT)
+    run = python("-c", code, code=None, env=os.environ | {"PYTHONPATH": str(tmp_path)})
     assert (run.returncode == 0) == good and not run.stderr
 
 
@@ -279,8 +267,7 @@ def test_dolfinx_may_be_imported_first(tmp_path):
         "import hhr_dolfinx as hhr\n"
         "print(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
-    assert run.stdout == "Mesh True\n", run.stderr[-3000:]
+    assert python("-c", program).stdout == "Mesh True\n"
 
 
 def test_the_base_of_all_errors_is_a_public_name():

@@ -1,5 +1,6 @@
 """Formulas of parameters: values, exact derivatives, what is no formula, and that no text is ever executed."""
 
+import contextlib
 import math
 import pickle
 import sys
@@ -137,7 +138,7 @@ def test_what_is_no_text_is_refused(text):
 
 def test_nothing_of_a_text_is_executed():
     """Of all that is compiled, called or imported, Python tells its audit hooks."""
-    seen, watching = [], [True]
+    seen, watching = [], []
 
     def hook(event, arguments):
         if watching and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
@@ -150,17 +151,16 @@ def test_nothing_of_a_text_is_executed():
         "x.__init__",
         "sqrt(x) + exp(y)",
     ]
-    for text in (*texts, "x"):  # whatever refusing them loads is there
-        try:
-            Formula(text)
-        except SceneError:
-            pass
+
+    def tried():
+        for text in texts:
+            with contextlib.suppress(SceneError):
+                Formula(text)({"x": 2.0, "y": 1.0})
+
+    tried()  # whatever refusing them loads is there
     sys.addaudithook(hook)
-    for text in texts:
-        try:
-            Formula(text)({"x": 2.0, "y": 1.0})
-        except SceneError:
-            pass
+    watching.append(True)
+    tried()
     watching.clear()
     assert seen == []
 

@@ -1,15 +1,21 @@
-"""Reduction and condensation on free meshes in space, whose contact rows have eigenvalues close to each other."""
+"""Models on free meshes in space, whose rows have close eigenvalues; gmsh, which is one for the whole process."""
+
+from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
+from mpi4py import MPI
 from needs import needs
-from scenes import THESIS, largest_difference
+from scenes import THESIS, largest_difference, slope, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify import constants
 from hhr_dolfinx.certify.constants import FullConstants
-from hhr_dolfinx.geometries.gmsh_model import mesh_of
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.geometries.gmsh_model import entities_of, mesh_of
+from hhr_dolfinx.geometries.hertz_half_discs import half_discs
+from hhr_dolfinx.geometries.pellet_cladding import pellet_cladding
 
 FLANGE, HEAD = 1, 2
 FOOT, FLANGE_TOP, HEAD_UNDER, HEAD_TOP = 11, 12, 13, 14
@@ -31,8 +37,8 @@ def head_on_flange(size, *, alike=False):
         flange = occ.addCylinder(0, 0, -2, 0, 0, 2, 8) if alike else occ.addBox(-9, -9, -2, 18, 18, 2)
         head = occ.addCylinder(0, 0, 0, 0, 0, 2, 8)
         occ.synchronize()
-        for body, entity in ((FLANGE, flange), (HEAD, head)):
-            gmsh.model.addPhysicalGroup(3, [entity], body)
+        gmsh.model.addPhysicalGroup(3, [flange], FLANGE)
+        gmsh.model.addPhysicalGroup(3, [head], HEAD)
         faces = (flange, -2, FOOT), (flange, 0, FLANGE_TOP), (head, 0, HEAD_UNDER), (head, 2, HEAD_TOP)
         for entity, height, tag in faces:
             gmsh.model.addPhysicalGroup(2, [face_at(entity, height)], tag)
@@ -54,31 +60,45 @@ def face_at(entity, height):
 
 def bolted(pairing, size, young=200.0):
     """The head's top is pushed down and the other side of it pulled aside, so that it tilts and part of it lifts."""
-    top = hhr.Displacement(HEAD_TOP, 2, hhr.Amplitude(slopes={"push": -1.0}))
     box = {"push": (1e-2, 2e-2), "aside": (0.0, 0.6)} | ({"E": (100.0, 300.0)} if young == "E" else {})
+    held = *hhr.Displacement.clamp(FOOT, 3), *hhr.Displacement.clamp(HEAD_TOP, 2)
     return hhr.Scene(
         name="bolted",
         geometry=head_on_flange(size, alike=pairing == "node to node"),
         hypothesis="solid",
         bodies=(hhr.Body(FLANGE, young, 0.33), hhr.Body(HEAD, 210.0, 0.3)),
         contacts=(PAIRINGS[pairing](),),
-        displacements=(*hhr.Displacement.clamp(FOOT, 3), *(hhr.Displacement(HEAD_TOP, axis) for axis in (0, 1)), top),
-        loads=(hhr.Traction(HEAD_UNDER, (1.0, 0.0, 0.0), hhr.Amplitude(slopes={"aside": 1.0})),),
-        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
+        displacements=(*held, hhr.Displacement(HEAD_TOP, 2, slope("push", -1.0))),
+        loads=(hhr.Traction(HEAD_UNDER, (1.0, 0.0, 0.0), slope("aside")),),
+        parameters=space(**box),
     )
 
 
-def check(pairing, size, young, conditions, forces):
+FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
+
+
+@pytest.mark.parametrize("pairing", PAIRINGS)
+@pytest.mark.parametrize("mesh", ["coarse", FINE])
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
+@pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
+def test_models_of_a_free_mesh(pairing, mesh):
     """Build and condense; both have the forces of the full order at points that are in no training.
 
-    Condensation is exact where one body has one factor: 1e-10 is round-off of the sums of conditions of large meshes.
+    Coarse: 172 conditions, also of a double pass on fewer cells, whose rows nearly depend on each other; forces of
+    reduction were 5e-5 off at most on finer meshes, where some nodes lift. Fine: 400 to 1000 conditions, and a modulus
+    that varies: a node at the edge of contact was 1 % of the largest off. Condensation is exact where one body has one
+    factor: 1e-10 is round-off of the sums of conditions of large meshes.
     """
+    if mesh == "fine":
+        size, young, conditions, forces = 0.8, "E", (350, 1000), 0.05
+    else:
+        size, young, conditions, forces = 1.7 if pairing == "double pass" else 1.3, 200.0, (150, 200), 1e-3
     training = hhr.train(bolted(pairing, size, young), hhr.Sobol(24, seed=1), held_out=6)
     full = training.full_order
     assert conditions[0] <= full.conditions <= conditions[1]
     rows = full.problem.contact[full.problem.distinct].toarray()
-    beta = FullConstants.of(full).euclidean
     # the root of an eigenvalue of B B^T, whose round-off is that of the square
+    beta = FullConstants.of(full).euclidean
     assert beta == pytest.approx(np.linalg.svd(rows, compute_uv=False)[-1], rel=1e-10)
     reduced, condensed = training.build(), training.condense()
     for point in hhr.Sobol(4, seed=7).points(full.parameters):
@@ -86,36 +106,6 @@ def check(pairing, size, young, conditions, forces):
         assert exact.active.any()
         assert largest_difference(reduced.solve(point).forces(), exact.forces()) < forces
         assert largest_difference(condensed.solve(point).forces(), exact.forces()) < 1e-10
-
-
-@needs("differences")
-@pytest.mark.parametrize("pairing", PAIRINGS)
-@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
-@pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
-def test_models_of_a_free_mesh(pairing):
-    """172 conditions; forces of reduction were 5e-5 off at most on finer meshes, where some nodes lift.
-
-    A double pass has nearly as many conditions on a coarser mesh, with rows that nearly depend on each other.
-    """
-    check(pairing, 1.7 if pairing == "double pass" else 1.3, 200.0, (150, 200), 1e-3)
-
-
-@needs("moduli")
-@pytest.mark.slow
-@pytest.mark.parametrize("pairing", PAIRINGS)
-@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
-@pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
-def test_models_of_a_fine_free_mesh(pairing):
-    """400 to 1000 conditions, and a modulus that varies: a node at the edge of contact was 1 % of the largest off."""
-    check(pairing, 0.8, "E", (350, 1000), 0.05)
-
-
-def clustered(size, width):
-    """Eigenvalues of which half lie within a small width from 1 on, and the others up to 2."""
-    rng = np.random.default_rng(0)
-    values = 1 + width * np.sort(rng.random(size))
-    values[size // 2 :] += rng.random(size - size // 2)
-    return values
 
 
 def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, monkeypatch, caplog):
@@ -126,3 +116,86 @@ def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, mon
     model = hhr.build(hertz, hertz_snapshots, THESIS.as_it_is())
     assert np.isnan(model.offline.stability.euclidean.beta_h) and "beta_h" in caplog.text
     assert model.solve(hertz_snapshots.points[5]).converged
+
+
+GEOMETRIES = {
+    "half_discs": lambda: half_discs(MPI.COMM_SELF, arc_segments=8, flat_segments=2),
+    "pellet": lambda: pellet_cladding(MPI.COMM_SELF, radial_cells=2, axial_cells=2, cladding_radial_cells=1),
+}
+
+
+@pytest.fixture
+def session():
+    """A session of gmsh with two models of a user, one of them with a name of ours."""
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 1)
+    gmsh.option.setNumber("Mesh.Algorithm", 6)
+    for name in ("mine", "half_discs"):
+        gmsh.model.add(name)
+        gmsh.model.occ.addPoint(1.0, 2.0, 3.0)
+        gmsh.model.occ.synchronize()
+    gmsh.model.setCurrent("mine")
+    yield
+    gmsh.finalize()
+
+
+def cells(tagged):
+    mesh = tagged[0]
+    return mesh.topology.index_map(mesh.topology.dim).size_global
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_a_session_of_the_user_stays(name, session):
+    before = gmsh.model.list()
+    count = cells(GEOMETRIES[name]())
+    assert gmsh.isInitialized() and gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"
+    for model in ("half_discs", "mine"):
+        gmsh.model.setCurrent(model)
+        assert len(gmsh.model.getEntities()) == 1
+    assert gmsh.option.getNumber("General.Terminal") == 1 and gmsh.option.getNumber("Mesh.Algorithm") == 6
+    gmsh.finalize()
+    assert cells(GEOMETRIES[name]()) == count and not gmsh.isInitialized()
+    gmsh.initialize()
+
+
+MESHING = {"Mesh.RecombineAll": 1, "Mesh.ElementOrder": 2, "Mesh.MeshSizeMax": 0.1, "Mesh.SubdivisionAlgorithm": 1}
+
+
+@pytest.mark.parametrize("option", MESHING)
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_options_of_a_session_make_no_other_mesh(name, option, session, capfd):
+    """What is meshed is the mesh of a process without a session, to the last bit; the options stay the user's."""
+    before = gmsh.option.getNumber("General.AbortOnError")
+    gmsh.option.setNumber(option, MESHING[option])
+    found = GEOMETRIES[name]()[0].geometry.x
+    assert gmsh.option.getNumber(option) == MESHING[option] and gmsh.option.getNumber("General.AbortOnError") == before
+    assert ".opt" not in capfd.readouterr().out
+    gmsh.finalize()
+    alone = GEOMETRIES[name]()[0].geometry.x
+    gmsh.initialize()
+    assert np.array_equal(found, alone)
+
+
+def test_errors_of_gmsh_raise_in_a_session_of_the_user(session):
+    with pytest.raises(Exception, match="nowhere"):
+        entities_of(Path("nowhere.msh"))
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_a_session_that_meshes_nothing_is_refused(name, session, monkeypatch):
+    """As gmsh 4.13 is behind a mesh that failed: `generate` returns, and there are no cells."""
+    monkeypatch.setattr(gmsh.model.mesh, "generate", lambda dim: None)
+    with pytest.raises(SceneError, match=r"gmsh\.finalize"):
+        GEOMETRIES[name]()
+
+
+def test_a_mesh_that_fails_leaves_the_session(session, monkeypatch):
+    before = gmsh.model.list()
+
+    def failing(dim):
+        raise RuntimeError("no mesh")
+
+    monkeypatch.setattr(gmsh.model.mesh, "generate", failing)
+    with pytest.raises(RuntimeError, match="no mesh"):
+        GEOMETRIES["half_discs"]()
+    assert gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"

@@ -1,19 +1,23 @@
-"""The house as docs/architecture.md draws it: who may import what, sizes, types, one clock, and what a scene loads."""
+"""The house as docs/architecture.md draws it: imports, sizes, types, clock, what a scene loads; figures of README."""
 
 import ast
 import doctest
 import functools
 import graphlib
 import importlib
+import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
+import figures
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS, python
+from mpi4py import MPI
 from needs import OURS, needs, present
+
+import hhr_dolfinx as hhr
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
@@ -37,28 +41,26 @@ MODULES = modules()
 @functools.cache
 def all_imports(name, types=False):
     """What a module imports by full names, inside functions too; with what is for type checking only, or without."""
-    return tuple(_imports_of(name, types))
-
-
-def _imports_of(name, types):
-    tree = ast.parse(MODULES[name].read_text())
+    tree, found = ast.parse(MODULES[name].read_text()), []
     unseen = {
-        id(inner)
+        inner
         for node in ast.walk(tree)
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not types
         for inner in ast.walk(node)
     }
-    for node in ast.walk(tree):
-        if id(node) in unseen:
-            continue
+    for node in set(ast.walk(tree)) - unseen:
         if isinstance(node, ast.Import):
-            targets = [alias.name for alias in node.names]
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             inner = [f"{node.module}.{alias.name}" for alias in node.names]
-            targets = [target if target in MODULES else node.module for target in inner]
-        else:
-            continue
-        yield from targets
+            found += [target if target in MODULES else node.module for target in inner]
+    return found
+
+
+def nodes(*kinds, paths=None):
+    """Nodes of these kinds in files of the package, each behind its path."""
+    trees = ((path, ast.parse(path.read_text())) for path in paths or MODULES.values())
+    return [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, kinds)]
 
 
 def imports(name):
@@ -144,17 +146,15 @@ runpy.run_path("setup.py")
 
 def test_every_folder_is_installed():
     """Packages are found, by setup.py: a folder without an ``__init__`` would be left out."""
-    found = subprocess.run([sys.executable, "-c", FOUND], cwd=ROOT, capture_output=True, text=True, check=True)
+    found = python("-c", FOUND, cwd=ROOT)
     folders = {name if path.name == "__init__.py" else name.rpartition(".")[0] for name, path in MODULES.items()}
     assert set(found.stdout.split()) == folders
 
 
 def test_functions_fit_on_a_screen():
     """Functions of up to 60 lines; a file is as long as its idea."""
-    for path in (*MODULES.values(), *SCRIPTS):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef):
-                assert node.end_lineno - node.lineno < 60, (path, node.name)
+    for path, node in nodes(ast.FunctionDef, paths=(*MODULES.values(), *SCRIPTS)):
+        assert node.end_lineno - node.lineno < 60, (path, node.name)
 
 
 def without_types(path):
@@ -178,12 +178,7 @@ def test_public_functions_say_their_types():
 
 def test_one_class_of_record():
     """What a kind of model knows of its construction are facts of one record."""
-    found = [
-        (path.name, node.name)
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef) and node.name.endswith("Record")
-    ]
+    found = [(path.name, node.name) for path, node in nodes(ast.ClassDef) if node.name.endswith("Record")]
     assert found == [("reductor.py", "Record")]
 
 
@@ -193,99 +188,50 @@ def test_one_clock():
     assert holders == ["timing.py"]
 
 
+def own(room, names):
+    return [f"hhr_dolfinx.{room}.{name}" for name in names.split()]
+
+
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
 UNNEEDED = {
     "flow": [
-        "hhr_dolfinx.plugins.inelastic.laws",
-        "hhr_dolfinx.plugins.inelastic.constants",
-        "hhr_dolfinx.plugins.inelastic.update",
-        "hhr_dolfinx.plugins.inelastic.march",
-        "hhr_dolfinx.plugins.inelastic.reduced_flow",
-        "hhr_dolfinx.plugins.inelastic.full_order",
-        "hhr_dolfinx.full_order.gauss_points",
-        "hhr_dolfinx.plugins.inelastic.project",
-        "hhr_dolfinx.plugins.inelastic.study",
-        "hhr_dolfinx.plugins.inelastic.condense_flow",
-        "hhr_dolfinx.plugins.inelastic.condensed_step",
-        "hhr_dolfinx.plugins.inelastic.condensed_fields",
-        "hhr_dolfinx.plugins.inelastic.condensed_flow",
+        *own("plugins.inelastic", "laws constants update march reduced_flow full_order project study condense_flow"),
+        *own("plugins.inelastic", "condensed_step condensed_fields condensed_flow"),
+        *own("full_order", "gauss_points"),
     ],
-    "meshes that do not match": [
-        "hhr_dolfinx.pairings.node_to_surface",
-        "hhr_dolfinx.pairings.mortar",
-        "hhr_dolfinx.pairings.segments",
-        "hhr_dolfinx.pairings.projection",
-        "shapely",
-    ],
+    "meshes that do not match": [*own("pairings", "node_to_surface mortar segments projection"), "shapely"],
     "clustering and peers": [
-        "sklearn",
-        "kmedoids",
-        "hhr_dolfinx.plugins.local.clusters",
-        "hhr_dolfinx.reduction.subspaces",
-        "hhr_dolfinx.plugins.theorems.theorems",
+        *own("plugins", "local.clusters theorems.theorems"),
+        *own("reduction", "subspaces"),
+        *("sklearn", "kmedoids"),
     ],
-    "pictures": [
-        "hhr_dolfinx.plugins.studies.plots",
-        "matplotlib",
-        "pyvista",
-    ],
-    "outputs": [
-        "hhr_dolfinx.outputs",
-        "hhr_dolfinx.full_order.outputs",
-        "hhr_dolfinx.models.functionals.functional",
-        "hhr_dolfinx.models.functionals.kinds",
-    ],
-    "many parameters at once": [
-        "hhr_dolfinx.models.many",
-    ],
+    "pictures": [*own("plugins.studies", "plots"), "matplotlib", "pyvista"],
+    "outputs": ["hhr_dolfinx.outputs", *own("full_order", "outputs"), *own("models.functionals", "functional kinds")],
+    "many parameters at once": own("models", "many"),
     "elasticity and shapes that depend on parameters": [
-        "hhr_dolfinx.formulas",
-        "hhr_dolfinx.shapes",
-        "hhr_dolfinx.full_order.varying",
-        "hhr_dolfinx.full_order.reshaped",
-        "hhr_dolfinx.plugins.moduli.shaped",
-        "hhr_dolfinx.models.eliminations.block",
-        "hhr_dolfinx.plugins.moduli.interpolated",
-        "hhr_dolfinx.plugins.moduli.interpolation",
-        "hhr_dolfinx.plugins.moduli.condense",
-        "hhr_dolfinx.plugins.moduli.interpolate",
-        "hhr_dolfinx.plugins.moduli.interpolate_reduced",
-        "hhr_dolfinx.reduction.starts",
+        *("hhr_dolfinx.formulas", "hhr_dolfinx.shapes"),
+        *own("full_order", "varying reshaped"),
+        *own("plugins.moduli", "shaped interpolated interpolation condense interpolate interpolate_reduced"),
+        *own("models.eliminations", "block"),
+        *own("reduction", "starts"),
     ],
-    "gradients": [
-        "hhr_dolfinx.models.gradient",
-        "hhr_dolfinx.plugins.inelastic.history_gradient",
-    ],
-    "samplings": [
-        "hhr_dolfinx.sampling",
-    ],
-    "greedy training": [
-        "hhr_dolfinx.plugins.greedy.greedy",
-        "hhr_dolfinx.plugins.greedy.indicators",
-    ],
-    "families of paths": [
-        "hhr_dolfinx.plugins.paths.path_families",
-    ],
+    "gradients": [*own("models", "gradient"), *own("plugins.inelastic", "history_gradient")],
+    "samplings": ["hhr_dolfinx.sampling"],
+    "greedy training": own("plugins.greedy", "greedy indicators"),
+    "families of paths": own("plugins.paths", "path_families"),
 }
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
-OF_FILES = {
-    "hhr_dolfinx.models.functionals.kinds",
-    "hhr_dolfinx.models.functionals.functional",
-    "hhr_dolfinx.shapes",
-    "hhr_dolfinx.formulas",
-}
+OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes", "hhr_dolfinx.formulas"}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    **{
-        name: [item for item in UNNEEDED[name] if item not in OF_FILES]
-        for name in UNNEEDED
-        if name not in ("flow", "meshes that do not match")
-    },
+    name: [item for item in UNNEEDED[name] if item not in OF_FILES]
+    for name in UNNEEDED
+    if name not in ("flow", "meshes that do not match")
+} | {
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.plugins.studies.points",
-        "hhr_dolfinx.plugins.baselines.naive",
-        "hhr_dolfinx.reduction.exact",
-    ],
+        *own("plugins", "studies.points baselines.naive"),
+        *own("reduction", "exact"),
+    ]
 }
 """What a study of a scene that flows does without."""
 
@@ -310,8 +256,7 @@ def modules_of_a_study(program, folder):
         "study.write(Path('.'), Console(quiet=True))\n"
         "print(*sys.modules, sep='\\n', file=open('modules', 'w'))\n"
     )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, timeout=WAIT)
-    assert run.returncode == 0, run.stderr[-3000:]
+    python("-c", program, cwd=folder)
     assert (folder / "report.json").exists() and (folder / "study.npz").exists()
     found = set((folder / "modules").read_text().split())
     assert "hhr_dolfinx.reduction.build" in found
@@ -331,20 +276,14 @@ def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
 
 def test_what_is_not_loaded_exists():
     """A module that was renamed would be absent for the wrong reason."""
-    for names in (*UNNEEDED.values(), *UNNEEDED_BY_FLOW.values()):
-        own = {name for name in names if name.startswith("hhr_dolfinx")}
-        assert {name for name in own if ".plugins." not in name or present(name.split(".")[2])} <= set(MODULES)
+    names = {name for listed in (UNNEEDED, UNNEEDED_BY_FLOW) for of in listed.values() for name in of}
+    ours = {name for name in names if name.startswith("hhr_dolfinx")}
+    assert {name for name in ours if ".plugins." not in name or present(name.split(".")[2])} <= set(MODULES)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "hhr_dolfinx.reduction.modes",
-        pytest.param("hhr_dolfinx.plugins.paths.path_families", marks=needs("paths")),
-    ],
-)
+@pytest.mark.parametrize("name", ["reduction.modes", pytest.param("plugins.paths.path_families", marks=needs("paths"))])
 def test_examples_in_docstrings(name):
-    found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})
+    found = doctest.testmod(importlib.import_module(f"hhr_dolfinx.{name}"), extraglobs={"np": np})
     assert found.attempted and not found.failed
 
 
@@ -352,35 +291,26 @@ def test_values_are_assigned_one_by_one():
     """But for swaps and what belongs together, such as the two columns of a matrix."""
     found = [
         (path.name, node.lineno)
-        for path in MODULES.values()
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
+        for path, node in nodes(ast.Assign)
+        if isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
     ]
     assert len(found) < 20, found
 
 
 def test_models_do_not_ask_for_attributes():
     """What fields and models may have is declared; ``hasattr`` and ``getattr`` by a fixed name say that it is not."""
-    found = [
-        (path.name, node.lineno)
-        for name, path in MODULES.items()
-        if room(name) == "models"
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and (node.func.id == "hasattr" or (node.func.id == "getattr" and isinstance(node.args[1], ast.Constant)))
-    ]
-    assert not found
+    for path, node in nodes(ast.Call, paths=[path for name, path in MODULES.items() if room(name) == "models"]):
+        called = getattr(node.func, "id", "")
+        fixed = called == "getattr" and isinstance(node.args[1], ast.Constant)
+        assert called != "hasattr" and not fixed, (path.name, node.lineno)
 
 
 def test_one_solve():
     """Points, starts, ranges and failures are looked at in one place; the other one is the contract itself."""
+    paths = [path for name, path in MODULES.items() if room(name) in ("models", "full_order", "baselines")]
     found = [
         node.name
-        for name, path in MODULES.items()
-        if room(name) in ("models", "full_order", "baselines")
-        for node in ast.parse(path.read_text()).body
-        if isinstance(node, ast.ClassDef)
+        for _, node in nodes(ast.ClassDef, paths=paths)
         for item in node.body
         if isinstance(item, ast.FunctionDef) and item.name == "solve" and "mu" in [arg.arg for arg in item.args.args]
     ]
@@ -426,3 +356,54 @@ def test_slow_cases_are_those_of_tests_that_are_there():
         file, _, name = line.partition("::")
         if file in texts or present(*known):  # else it went with its plug-in
             assert f"def {name.partition('[')[0]}(" in texts[file], line
+
+
+README = figures.README.read_text()
+KEPT = json.loads(figures.FILE.read_text())
+DOCS = sorted((figures.ROOT / "docs").glob("*.md"))
+QUOTED = re.compile(r"\d[\d.,]* ?(?:ms|us|µs|%|times)(?![\w-])|\d+ queries")
+"""A time of an answer, a ratio, an error, or a break-even."""
+
+
+def test_the_table_of_readme_is_that_of_the_file():
+    assert figures.with_table(README, KEPT) == README
+    assert KEPT
+
+
+def test_a_changed_figure_is_seen():
+    name = next(iter(KEPT))
+    changed = KEPT | {name: KEPT[name] | {"N": KEPT[name]["N"] + 1}}
+    assert figures.with_table(README, changed) != README
+
+
+def test_readme_quotes_no_figure_outside_of_the_table():
+    """Options of commands in its blocks of code, such as a tolerance, are no figures."""
+    before, rest = README.split(figures.BEGIN)
+    text = re.sub(r"```.*?```", "", before + rest.split(figures.END)[1], flags=re.DOTALL)
+    text = re.sub(r"`[^`]*`", "", text)
+    assert QUOTED.findall(text) == []
+    found = QUOTED.findall("69 ms, 208 times, 0.10 / 0.21 %, 47 queries")
+    assert found == ["69 ms", "208 times", "0.21 %", "47 queries"]
+
+
+def test_scripts_of_the_table_are_there_and_make_runs_them():
+    makefile = (figures.ROOT / "Makefile").read_text()
+    assert set(KEPT) <= set(figures.SOURCES)
+    for source in figures.SOURCES.values():
+        assert (figures.ROOT / source.script).exists()
+        assert re.search(rf"^{source.target}: setup\n\t.venv/bin/python {source.script}", makefile, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_sizes_in_the_file_are_those_of_the_scenes():
+    """Sizes are counted again where that takes seconds; times and errors are those of the day that the file names."""
+    for name in {"hertz_half_discs", *(["fretting"] if present("friction") else [])} & set(KEPT):
+        problem = hhr.FullOrderModel(importlib.import_module(name).scene(), MPI.COMM_SELF).problem
+        assert (problem.free.size, problem.contact.shape[0]) == (KEPT[name]["N"], KEPT[name]["N_lambda"]), name
+
+
+@pytest.mark.parametrize("page", [figures.README, *DOCS], ids=lambda page: page.stem)
+def test_no_page_quotes_what_no_longer_holds(page):
+    """Times of a full order that is gone, and what models with friction refused once."""
+    stale = "69 ms|47 queries|0.33 ms|times the full order, 208|refused by local models|3700 tests"
+    assert not re.search(stale, page.read_text())

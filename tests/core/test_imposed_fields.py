@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
+from scenes import block_scene, slope, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
@@ -32,7 +33,6 @@ def ring(comm):
 
 def twisted(*fields, **others) -> hhr.Scene:
     """The inner ring, clamped at one end and moved at the other."""
-    turn = hhr.Amplitude(slopes={"turn": 1.0})
     end = side(FIRST, 2, True)
     return hhr.Scene(**{
         "name": "twisted",
@@ -42,10 +42,10 @@ def twisted(*fields, **others) -> hhr.Scene:
         "contacts": (hhr.NodeToNode(side(FIRST, 0, True), side(SECOND, 0, False), (1.0, 0.0, 0.0)),),
         "displacements": (
             *hhr.Displacement.clamp(side(FIRST, 2, False), 3), hhr.Displacement(end, 2),
-            *(hhr.Displacement(end, axis, turn, field) for axis, field in enumerate(fields)),
+            *(hhr.Displacement(end, axis, slope("turn"), field) for axis, field in enumerate(fields)),
             *hhr.Displacement.clamp(side(SECOND, 2, False), 3),
         ),
-        "parameters": hhr.ParameterSpace(("turn",), (0.0,), (0.01,)),
+        "parameters": space(turn=(0.0, 0.01)),
         **others,
     })  # fmt: skip
 
@@ -89,19 +89,15 @@ def test_fields_that_cannot_be(field, message):
 def shearing(*fields, gap=0.5) -> hhr.Scene:
     """A square above a plane whose sides are moved by one parameter; None leaves one free."""
     sides = (block.side(0, False), block.side(0, True), block.side(1, True))
-    return hhr.Scene(
-        name="shearing",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+    return block_scene(
+        "shearing",
+        {"load": (0.0, 0.1)},
         contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), gap),),
         displacements=tuple(
-            hhr.Displacement(tag, axis, hhr.Amplitude(slopes={"load": 1.0}), field)
+            hhr.Displacement(tag, axis, slope("load"), field)
             for tag, pair in zip(sides, fields, strict=True)
-            if pair is not None
-            for axis, field in enumerate(pair)
+            for axis, field in enumerate(pair or ())
         ),
-        parameters=hhr.ParameterSpace(("load",), (0.0,), (0.1,)),
     )
 
 
@@ -120,8 +116,8 @@ def test_a_linear_field_goes_on_inside():
 
 def test_fields_know_the_mesh_before_shapes_move_it():
     scene = shearing(None, None, ("0 * x", "-x"), gap=0.02)
-    box = hhr.ParameterSpace(("load", "wide"), (0.0, 1.0), (0.1, 2.0))
-    scene = dataclasses.replace(scene, parameters=box, shapes=(hhr.Shape(block.SOLID, ("wide * x", "y")),))
+    wide = hhr.Shape(block.SOLID, ("wide * x", "y"))
+    scene = dataclasses.replace(scene, parameters=space(load=(0.0, 0.1), wide=(1.0, 2.0)), shapes=(wide,))
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     answer = full.solve((0.1, 2.0))
     points = full.problem.at(np.array([0.1, 2.0])).points
@@ -131,10 +127,8 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     if not present("moduli"):
         return
     # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what varies
-    model = hhr.condense(full, fields=True)
-    np.testing.assert_allclose(
-        model.solve((0.07, 1.3)).displacement(), full.solve((0.07, 1.3)).displacement(), atol=1e-7
-    )
+    found, exact = (model.solve((0.07, 1.3)) for model in (hhr.condense(full, fields=True), full))
+    np.testing.assert_allclose(found.displacement(), exact.displacement(), atol=1e-7)
 
 
 @needs("friction")

@@ -82,7 +82,6 @@ class Equilibrium:
 
 
 def ageing(**facets):
-    """The manifest, with some facets."""
     return registry.Plugin(
         "ageing",
         materials=("age",),
@@ -93,14 +92,11 @@ def ageing(**facets):
 
 
 def years(answer):
-    """What answers say by the manifest."""
     return answer.age * 10
 
 
 @pytest.fixture
 def registered(monkeypatch):
-    """Plug-ins of some manifests alone."""
-
     def found(*plugins):
         monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [Entry(item) for item in plugins])
         for cache in CACHES:
@@ -113,7 +109,6 @@ def registered(monkeypatch):
 
 
 def scene():
-    """A pressed block of this law."""
     given = pressed_block("plane_strain", cells=3)
     return replace(given, bodies=tuple(replace(body, law=Ages()) for body in given.bodies))
 

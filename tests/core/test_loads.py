@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
 from needs import needs
-from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair
+from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope, space
 from scipy.sparse import csc_matrix, csr_matrix
 from test_mpi import launch
 from toy_nonaffine_load import Square, WindLoad
@@ -21,33 +21,27 @@ from hhr_dolfinx.geometries import block, two_blocks
 YOUNG, HEIGHT, WIDTH, GAP = 3.0, 2.0, 1.5, 0.01
 
 
-def column(load, names, lower, upper, top, hypothesis="plane_strain"):
+def column(load, box, top=0.0, hypothesis="plane_strain"):
     """A column without lateral strain above a floor, under a load, whose top goes down by an amplitude."""
     scene = pressed_block(hypothesis, young=YOUNG, poisson=0.0, gap=GAP, cells=6)
     *fixed, lid = scene.displacements
-    return dataclasses.replace(
-        scene,
-        parameters=hhr.ParameterSpace(names, lower, upper),
-        displacements=(*fixed, dataclasses.replace(lid, amplitude=top)),
-        loads=(load,),
-    )
+    lid = hhr.Displacement(lid.tag, lid.component, top)
+    return dataclasses.replace(scene, parameters=box, displacements=(*fixed, lid), loads=(load,))
 
 
 def heavy_column():
     """The top goes down by ``drop``: the floor carries weight HEIGHT / 2 + E (drop - GAP) / HEIGHT per area."""
-    weight = Weight(block.SOLID, (0.0, -1.0), hhr.Amplitude(slopes={"weight": 1.0}))
-    drop = hhr.Amplitude(slopes={"drop": -1.0})
-    return column(weight, ("weight", "drop"), (0.0, 0.0), (0.1, 0.1), drop)
+    weight = Weight(block.SOLID, (0.0, -1.0), slope("weight"))
+    return column(weight, space(weight=(0.0, 0.1), drop=(0.0, 0.1)), slope("drop", -1.0))
 
 
 def windy_column():
     """The top is held, the lower end blown down: the floor carries 0.05 speed^2 - E GAP / HEIGHT per area."""
     wind = WindLoad(block.side(1, False), (0.0, -1.0), 0.05, "speed")
-    return column(wind, ("speed",), (0.0,), (2.0,), hhr.Amplitude())
+    return column(wind, space(speed=(0.0, 2.0)))
 
 
 def pressure_of(scene, mu):
-    """Closed form of the pressure on the floor."""
     if scene.parameters.names == ("speed",):
         return max(0.05 * mu[0] ** 2 - YOUNG * GAP / HEIGHT, 0.0)
     return max(mu[0] * HEIGHT / 2 + YOUNG * (mu[1] - GAP) / HEIGHT, 0.0)
@@ -71,7 +65,6 @@ def test_loads_of_a_users_own(scene, counts):
 
 
 def test_loads_on_two_ranks():
-    """Closed forms again, and errors that all ranks raise alike."""
     program = (
         f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
         "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
@@ -84,17 +77,10 @@ def test_loads_on_two_ranks():
     assert launch(2, ["-c", program]).count("all is well") == 2
 
 
-def test_a_column_stands_on_all_of_its_weight():
-    """Let down by as much as it is shortened by its weight, its top carries nothing."""
-    full, weight = hhr.FullOrderModel(heavy_column()), 0.05
-    found = full.solve((weight, GAP + weight * HEIGHT**2 / (2 * YOUNG)))
-    assert found.forces().sum() == pytest.approx(weight * HEIGHT * WIDTH, rel=1e-10)
-
-
 def test_weight_in_axisymmetry():
     """The forms carry the weight of the hypothesis: a cylinder of radius 1.5 weighs pi 1.5^2 HEIGHT."""
-    weight = Weight(block.SOLID, (0.0, -1.0), hhr.Amplitude(slopes={"weight": 1.0}))
-    scene = column(weight, ("weight",), (0.0,), (0.1,), hhr.Amplitude(), "axisymmetric")
+    weight = Weight(block.SOLID, (0.0, -1.0), slope("weight"))
+    scene = column(weight, space(weight=(0.0, 0.1)), hypothesis="axisymmetric")
     held = dataclasses.replace(scene, displacements=(hhr.Displacement(block.side(0, False), 1),))
     assert hhr.FullOrderModel(held).problem.external.sum() == pytest.approx(-np.pi * WIDTH**2 * HEIGHT, rel=0.05)
     assert hhr.FullOrderModel(scene).problem.stiffness_terms[0].shape == (98, 98)
@@ -113,9 +99,9 @@ def test_a_body_that_flows_carries_its_weight():
 
 def test_a_parameter_of_an_amplitude_that_is_not_affine_is_not_idle():
     scene = windy_column()
-    space = hhr.ParameterSpace(("idle", "speed"), (0.0, 0.0), (1.0, 2.0))
+    idle = dataclasses.replace(scene, parameters=space(idle=(0.0, 1.0), speed=(0.0, 2.0)))
     with pytest.warns(SceneWarning, match=r"parameters \('idle',\) of scene"):
-        hhr.FullOrderModel(dataclasses.replace(scene, parameters=space))
+        hhr.FullOrderModel(idle)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hhr.FullOrderModel(scene)
@@ -123,40 +109,32 @@ def test_a_parameter_of_an_amplitude_that_is_not_affine_is_not_idle():
 
 def test_amplitudes_are_counted_one_after_another():
     """Affine terms first, then the columns of each that is not."""
-    line = Coverage(np.array([0.0, 1.0, 3.0]), 0, 1.0, np.array([0.0, 0.0]))
-    space = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (3.0, 3.0))
-    pushed = hhr.Amplitude(2.0, {"b": 1.0})
-    amplitudes = Amplitudes.collect([Square(1, 5.0), pushed, line], space)
+    line, box = Coverage(np.array([0.0, 1.0, 3.0]), 0, 1.0, np.array([0.0, 0.0])), space(a=(0.0, 3.0), b=(0.0, 3.0))
+    amplitudes = Amplitudes.collect([Square(1, 5.0), hhr.Amplitude(2.0, {"b": 1.0}), line], box)
     assert amplitudes.firsts == [2, 3, 8]
     theta = amplitudes(np.array([2.0, 3.0]))
     full = np.zeros(8)
     full[theta.terms] = theta.values
     # up to the middle of the edge from 1 to 3: the whole first edge, 3/4 on its first and 1/4 on its second node
     assert full == pytest.approx(np.array([1.0, 5.0, 45.0, 0.0, 1.0, 0.0, 0.75, 0.25]))
-    assert amplitudes.idle(space) == ()
+    assert amplitudes.idle(box) == ()
 
 
 @dataclasses.dataclass(frozen=True)
 class Astray:
-    """An amplitude of one column that answers as it should in the middle of the box, where it is tried, and below.
-
-    Attributes:
-        answer: what it returns above.
-    """
+    """An amplitude that answers as it should in the middle of the box, where it is tried, and below; astray above."""
 
     answer: tuple
     count = 1
 
     def __call__(self, point):
-        """Its column and its value, or what leads astray."""
         return self.answer if point[0] > 0.05 else ([0], [point[0]])
 
 
 @pytest.mark.parametrize("answer", [([-1], [0.1]), ([1], [0.1]), ([0], []), ([], [0.1])])
 def test_amplitudes_keep_to_their_columns(answer):
     """With the column -1 they scaled the load of another amplitude, and answers were 94 % wrong without a word."""
-    space = hhr.ParameterSpace(("a",), (0.0,), (0.1,))
-    amplitudes = Amplitudes.collect([Astray(answer), hhr.Amplitude(2.0)], space)
+    amplitudes = Amplitudes.collect([Astray(answer), hhr.Amplitude(2.0)], space(a=(0.0, 0.1)))
     assert amplitudes(np.array([0.04])).values.tolist() == [1.0, 2.0, 0.04]
     with pytest.raises(SceneError, match=r"Astray.* at \[0\.08\]: give as many values as columns, 0 to 0"):
         amplitudes(np.array([0.08]))
@@ -182,16 +160,13 @@ def test_the_stiffness_is_the_sum_of_its_terms(hertz):
 
 def curved_pair(formula):
     """A pair with a modulus, an opening and a load that is a formula, pushed by a formula or, the same, by a number."""
-    moved = hhr.Displacement(two_blocks.side(two_blocks.SECOND, 1, True), 1,
-                             "-0.03 * (1 + push)**2" if formula else hhr.Amplitude(slopes={"down": -1.0}))  # fmt: skip
-    made = pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), {"E1": (1.0, 6.0)}, cells=3)
-    flank = two_blocks.side(two_blocks.SECOND, 0, True)
+    top, flank = (two_blocks.side(two_blocks.SECOND, axis, True) for axis in (1, 0))
+    moved = hhr.Displacement(top, 1, "-0.03 * (1 + push)**2" if formula else slope("down", -1.0))
+    load = hhr.Pressure(flank, "load**2 + 0.02")
+    made = pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), {"E1": (1.0, 6.0)}, cells=3, loads=(load,))
     box = {"push": (0.0, 0.4)} if formula else {"down": (0.03, 0.06)}
     box |= {"slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.01), "E1": (1.0, 6.0)}
-    return dataclasses.replace(
-        made, parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-        displacements=(moved, *made.displacements[:3]), loads=(hhr.Pressure(flank, "load**2 + 0.02"),),
-    )  # fmt: skip
+    return dataclasses.replace(made, parameters=space(**box), displacements=(moved, *made.displacements[:3]))
 
 
 @needs("moduli")
@@ -221,8 +196,6 @@ def test_a_formula_of_a_displacement_is_checked_as_others_are():
 
 @dataclasses.dataclass(frozen=True)
 class Wave:
-    """An amplitude that knows no derivative of its own."""
-
     count: int = 1
 
     def __call__(self, point):
@@ -232,6 +205,6 @@ class Wave:
 @pytest.mark.parametrize("at", [0.0, 0.3, -1.0, 1.0])
 def test_amplitudes_without_a_derivative_are_differenced_by_the_box(at):
     """By steps of the box, inside of it, at zero and at its ends too: the square of 1e-5 of its width."""
-    amplitudes = Amplitudes.collect([Wave()], hhr.ParameterSpace(("a",), (-1.0,), (1.0,)))
+    amplitudes = Amplitudes.collect([Wave()], space(a=(-1.0, 1.0)))
     _, slopes = amplitudes.slopes_at(np.array([at]))
     assert slopes[-1, 0] == pytest.approx(np.cos(at), abs=1e-9)

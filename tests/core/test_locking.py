@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh
 from needs import needs, present
-from scenes import pressed_block
+from scenes import block_scene, pressed_block, slope
 from test_full_order import lame_tube
 from tubes import YOUNG, in_time, tube
 
@@ -62,19 +62,13 @@ PUNCH = 99
 
 
 def punched(per_unit, thickness=None):
-    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain.
-
-    Args:
-        per_unit: cells per unit of length.
-        thickness: of the same block in space, one cell thick; None for the plane.
-    """
+    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain or one cell thick."""
     layer = () if thickness is None else (0.0, thickness)
+    cells = (4 * per_unit, 2 * per_unit, *(1 for _ in layer[1:]))
 
     def geometry(comm):
-        cells = (4 * per_unit, 2 * per_unit, *(1 for _ in layer[1:]))
-        built, cell_tags, tags = block.block(
-            comm, lower=(0.0, 0.0, *layer[:1]), upper=(4.0, 2.0, *layer[1:]), cells=cells
-        )
+        box = {"lower": (0.0, 0.0, *layer[:1]), "upper": (4.0, 2.0, *layer[1:])}
+        built, cell_tags, tags = block.block(comm, **box, cells=cells)
         middles = mesh.compute_midpoints(built, built.topology.dim - 1, tags.indices)
         below = (tags.values == block.side(1, upper=True)) & (middles[:, 0] < 1.0)
         values = np.where(below, PUNCH, tags.values).astype(np.int32)
@@ -82,20 +76,19 @@ def punched(per_unit, thickness=None):
 
     held = [(0, False, 0), (0, True, 0), (1, False, 0), (1, False, 1)]
     held += [(2, upper, 2) for upper in (False, True) if layer]
-    return hhr.Scene(
-        name="punched",
+    return block_scene(
+        "punched",
+        {"push": (0.0, 0.2)},
         geometry=geometry,
         hypothesis="solid" if layer else "plane_strain",
         bodies=(hhr.Body(block.SOLID, YOUNG, 0.3, hhr.Plasticity(1.0)),),
         contacts=(hhr.Obstacle(PUNCH, (0.0, 1.0, *layer[:1]), 2.0),),
-        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.2,)),
         displacements=tuple(hhr.Displacement(block.side(axis, upper), component) for axis, upper, component in held),
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"push": -1.0})),),
+        openings=(hhr.Opening(0, slope("push", -1.0)),),
     )
 
 
 def pushed(full, depth, steps):
-    """History of the punch down to a depth."""
     return full.march([(k, np.array([depth * k / steps])) for k in range(steps + 1)])
 
 
@@ -126,15 +119,12 @@ def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
 
 
 def distorted(dim):
-    """Two elastic blocks whose cells are no rectangles."""
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
     return patch.scene(hhr.Mortar, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
 
 
-def nearly_incompressible(cells, gap):
-    """Tube 1 <= r <= 2 of nu = 0.4999 under inner pressure, with a rigid wall at 2 + gap."""
-    scene = lame_tube(cells, gap)
-    return dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], poisson=0.4999),))
+def with_bodies(scene, **changes):
+    return dataclasses.replace(scene, bodies=tuple(dataclasses.replace(body, **changes) for body in scene.bodies))
 
 
 def lame(inner, outer):
@@ -148,7 +138,6 @@ def moved(A, C, r):
 
 
 def answers(scene, pressure):
-    """Model and answer by the elastic model and by that in time."""
     elastic = hhr.FullOrderModel(scene)
     yield elastic, elastic.solve(pressure)
     if present("inelastic"):
@@ -159,7 +148,7 @@ def answers(scene, pressure):
 def test_a_nearly_incompressible_tube():
     """nu = 0.4999: displacements to 0.1 % at every node; 24 cells of full integration miss 90 %."""
     A, C = lame(1.0, 0.0)
-    for model, answer in answers(nearly_incompressible(32, gap=9.0), 1.0):
+    for model, answer in answers(lame_tube(32, 9.0, poisson=0.4999), 1.0):
         displacement = answer.displacement()
         r = model.problem.points[:, 0]
         assert displacement.reshape(-1, 2)[:, 0] == pytest.approx(moved(A, C, r), rel=1e-3)
@@ -177,9 +166,7 @@ def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
 
     On distorted cells: in the middle of a rectangle the dilatation is the mean one anyway, in axisymmetry too.
     """
-    scene = distorted(dim)
-    scene = dataclasses.replace(scene, bodies=tuple(dataclasses.replace(b, poisson=0.4999) for b in scene.bodies))
-    full = in_time(scene)
+    full = in_time(with_bodies(distorted(dim), poisson=0.4999))
     # any field will do
     displacement = np.sin(3 * full.problem.points + 1).ravel()
     material, operator = full.equilibrium.material, full.equilibrium.operator
@@ -192,7 +179,7 @@ def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
 def test_a_nearly_incompressible_shrink_fit():
     """Pressed 1 % into a rigid ring without pressure inside: contact pressure to 0.1 %."""
     pressure = -0.02 / moved(*lame(0.0, 1.0), 2.0)
-    for model, answer in answers(nearly_incompressible(32, gap=-0.02), 0.0):
+    for model, answer in answers(lame_tube(32, -0.02, poisson=0.4999), 0.0):
         assert answer.forces() / model.problem.contact_areas == pytest.approx(pressure, rel=1e-3)
 
 
@@ -201,8 +188,7 @@ def test_a_nearly_incompressible_shrink_fit():
 def test_linear_fields_keep_their_strain_on_distorted_cells(dim):
     """The mean of a constant is that constant: patch tests hold whatever the shape of the cells."""
     scene = distorted(dim)
-    flowing = tuple(dataclasses.replace(body, law=hhr.Plasticity(1.0)) for body in scene.bodies)
-    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=flowing))
+    full = hhr.FullOrderModel(with_bodies(scene, law=hhr.Plasticity(1.0)))
     gradient = np.random.default_rng(0).standard_normal((dim, dim))
     strain = np.zeros((3, 3))
     strain[:dim, :dim] = (gradient + gradient.T) / 2
@@ -241,11 +227,6 @@ def test_the_elastic_model_and_that_in_time_have_one_stiffness(hypothesis):
     assert abs(ours - theirs).max() < 1e-14 * abs(theirs).max()
 
 
-def with_body(scene, **changes):
-    """The scene with its first body changed."""
-    return dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], **changes), *scene.bodies[1:]))
-
-
 @pytest.mark.parametrize("hypothesis, cell, remedy", [
     ("plane_strain", "triangle", "quadrilaterals"), ("solid", "tetrahedron", "hexahedra"),
 ])  # fmt: skip
@@ -253,9 +234,9 @@ def test_cells_that_lock_are_named(hypothesis, cell, remedy):
     scene = pressed_block(hypothesis, simplices=True, cells=2)
     if present("inelastic"):
         with pytest.warns(LockingWarning, match=rf"body 1 .* has a law.* {cell}.* Mesh it with {remedy}"):
-            hhr.FullOrderModel(with_body(scene, law=hhr.Plasticity(1.0)))
+            hhr.FullOrderModel(with_bodies(scene, law=hhr.Plasticity(1.0)))
     with pytest.warns(LockingWarning, match=rf"body 1 .* nu = 0\.46.* {cell}.* Mesh it with {remedy}"):
-        hhr.FullOrderModel(with_body(scene, poisson=0.46))
+        hhr.FullOrderModel(with_bodies(scene, poisson=0.46))
 
 
 def test_what_does_not_lock_is_not_warned_of():

@@ -1,13 +1,18 @@
-"""Elastic constants that are impossible where nothing tried them: every kind of model refuses, none answers."""
+"""Moduli that are parameters: impossible ones are refused by all models; what the core alone lacks is named."""
 
 import contract
 import numpy as np
 import pytest
 from needs import needs
+from scenes import largest_difference, pressed_pair
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import ModelFileError, NoBoundWarning, NotOfferedError, NotSolvableError
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.models.eliminations.block import BlockElimination
+from hhr_dolfinx.shapes import coordinate_names
 
 WHERE = 2.71830
 """Value of the parameter at which the constants are impossible, within 1e-4 of it and nowhere else."""
@@ -74,3 +79,79 @@ def test_a_modulus_that_is_impossible_beside_friction_and_flow():
         answer = full.solve(POINT, raise_on_failure=False)
         assert not answer.converged and np.isnan(answer.multipliers).all()
         assert full.solve({**POINT, "E1": WHERE + 1e-3}).converged
+
+
+MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42)}
+BODIES = ("E1", "nu1"), (4.0, 0.3)
+
+
+def varied():
+    return pressed_pair("plane_strain", BODIES, MATERIALS, cells=4)
+
+
+def reshaped():
+    x, y = coordinate_names("plane_strain")
+    wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
+    bodies, box = ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}
+    return pressed_pair("plane_strain", bodies, box, cells=2, matching=False, shapes=(wider,))
+
+
+@pytest.fixture(scope="module")
+def trained():
+    return hhr.train(varied(), hhr.Sobol(32), held_out=8)
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    monkeypatch.setattr(registry, "installed", dict)
+
+
+@pytest.mark.parametrize("make", [varied, reshaped])
+def test_condensation_is_refused(alone, make):
+    full = hhr.FullOrderModel(make())
+    with pytest.raises(NotOfferedError, match=r"condenses scene .*, whose stiffness or shape depends on"):
+        hhr.condense(full)
+
+
+def test_training_condenses_neither(alone, trained):
+    with pytest.raises(NotOfferedError, match="no installed reductor condenses"):
+        trained.condense()
+
+
+def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, tmp_path):
+    """The same basis and RID as with the plug-in, so that answers are off by what the reduction leaves."""
+    with pytest.warns(NoBoundWarning, match="no installed plug-in bounds it"):
+        model = trained.build()
+    assert model.compliances is None and isinstance(model.eliminated.eliminated, BlockElimination)
+    assert "depends on parameters" in model.fields.unbounded
+    hhr.save_model(tmp_path / "model.npz", model)
+    kept = hhr.load_model(tmp_path / "model.npz")
+    full = trained.full_order
+    for point in full.parameters.random(5, seed=1):
+        answer, exact = model.solve(point), full.solve(point)
+        assert answer.estimate() is None
+        assert largest_difference(answer.displacement(), exact.displacement()) < 0.05
+        assert np.array_equal(kept.solve(point).forces(), answer.forces())
+        gradient = model.solve(point, gradient=True).gradient
+        assert np.isfinite(gradient.unknown).all()
+
+
+@needs("moduli")
+def test_interpolated_answers_are_those_of_the_core(trained, monkeypatch):
+    """1e-5 is the target of the grid of a reduced model; just after a contact closes forces are off by a few of it."""
+    interpolated = trained.build()
+    assert interpolated.compliances is not None
+    with monkeypatch.context() as patch, pytest.warns(NoBoundWarning):
+        patch.setattr(registry, "installed", dict)
+        factored = trained.build()
+    for point in trained.full_order.parameters.random(5, seed=2):
+        one, other = (model.solve(point).unknown for model in (interpolated, factored))
+        assert largest_difference(one, other) < 1e-3
+
+
+@needs("moduli")
+def test_a_file_of_the_plug_in_is_refused_without_it(tmp_path, monkeypatch):
+    hhr.save_model(tmp_path / "model.npz", hhr.condense(varied()))
+    monkeypatch.setattr(registry, "installed", dict)
+    with pytest.raises(ModelFileError, match=r"holds a .* which is unknown here: install the plug-in that has it"):
+        hhr.load_model(tmp_path / "model.npz")

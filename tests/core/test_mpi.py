@@ -29,11 +29,13 @@ from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
 out = {{}}
+def note(name, answer):
+    out[f"{{name}}, forces"] = answer.forces().tolist()
+    out[f"{{name}}, norm"] = float(np.linalg.norm(answer.displacement()))
+
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
-    solution = full_order.solve(mu)
-    out[f"forces {{mu}}"] = solution.forces().tolist()
-    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.displacement()))
+    note(mu, full_order.solve(mu))
 snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
 reduction = hhr.build(full_order, snapshots, demo.THESIS)
 out["reduced"] = np.linalg.norm(reduction.solve(0.3123).displacement())
@@ -81,9 +83,7 @@ out["solid"] = answer.forces().tolist()
 kept_bytes, limits.KEPT_BYTES = limits.KEPT_BYTES, 0
 numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
 pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
-condensed = hhr.condense(pressed).solve([0.2, 50.0])
-out["condensed"] = condensed.forces().tolist()
-out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
+note("condensed", hhr.condense(pressed).solve([0.2, 50.0]))
 # so large that ranks leave what is none of S beside it
 larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
 out["larger S"] = larger.schur[::20].ravel().tolist()
@@ -108,14 +108,11 @@ second = first.gathered()  # which shares the factors with it
 upper, lower = shifting.parameters.upper, shifting.parameters.lower
 turns = ("", first, upper), (" gathered", second, lower), (" again", first, upper), (" both", second, lower)
 for name, model, point in turns:
-    solution = model.solve(point)
-    out["varying" + name] = solution.forces().tolist()
-    out["varying norm" + name] = float(np.linalg.norm(solution.displacement()))
+    note("varying" + name, model.solve(point))
 # solutions by compressed factors are refined, those of dofs that are eliminated last too
 large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
-compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3))).solve([0.2, 50.0])
-out["compressed"] = compressed.forces().tolist()
-out["compressed norm"] = float(np.linalg.norm(compressed.displacement()))
+compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
+note("compressed", compressed.solve([0.2, 50.0]))
 sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
 for name, pairing in patch.PAIRINGS.items():
@@ -152,9 +149,8 @@ OF_PLUGINS = {
 together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
 asked = together.full_order.parameters.random(1, 5)[0]
 exact = together.full_order.solve(asked)
-condensed, reduced = together.condense().solve(asked), together.build().solve(asked, outside="ignore")
-out["trained"] = condensed.forces().tolist()
-out["trained norm"] = float(np.linalg.norm(condensed.displacement()))
+note("trained", together.condense().solve(asked))
+reduced = together.build().solve(asked, outside="ignore")
 bound = reduced.estimate()
 off = float(np.linalg.norm(reduced.forces() - exact.forces()))
 out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
@@ -267,38 +263,22 @@ def run_program(ranks, arguments, cwd=None, limit=WAIT):
     if mpirun is None:
         pytest.skip("no mpirun beside this Python or on the PATH")
     # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
-    allow = {
-        "OMPI_ALLOW_RUN_AS_ROOT": "1",
-        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-        "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-        "OMP_NUM_THREADS": "1",
-        "COLUMNS": "200",
-    }
+    allow = dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMP_NUM_THREADS"), "1")
+    allow |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
+    environment = os.environ | allow | {"COLUMNS": "200"}
     command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=limit, cwd=cwd)
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=limit, cwd=cwd)
 
 
 ELSEWHERE = {
-    "side by side",
-    "left over",
-    "share of stiffness",
-    "share of mass",
-    "rows",
-    "whole",
-    "said",
-    "kept",
-    "nearly incompressible",
-    "brittle",
-    "torn",
-    "steep",
+    *("side by side", "left over", "share of stiffness", "share of mass", "rows", "whole", "said", "kept"),
+    *("nearly incompressible", "brittle", "torn", "steep"),
 }
 """What has a test of its own."""
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """Numbers by the number of ranks."""
     folder = str(tmp_path_factory.mktemp("snapshots"))
     parts = (PROGRAM, *(part for plugin, part in OF_PLUGINS.items() if present(plugin)), SHOWN)
     program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
@@ -354,34 +334,27 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
 @needs("inelastic")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
-    assert len(found[ranks]["brittle"]) == ranks
-    assert all(text.startswith("ConvergenceError: step 1 to t = 1 s") for text in found[ranks]["brittle"])
-    assert all("it breaks" in text for text in found[ranks]["brittle"])
+    """Where ranks fail in several ways what is no matter of smaller steps counts more: none tries again by itself.
 
-
-@needs("inelastic")
-@pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_ranks_end_alike_where_laws_fail_in_several_ways(found, ranks):
-    """What is no matter of smaller steps counts more: no rank tries again while another has ended."""
-    kinds = {text.split(":")[0] for text in found[ranks]["torn"]}
-    assert len(found[ranks]["torn"]) == ranks and kinds <= {"SceneError", "ConvergenceError"} and len(kinds) == 1
-
-
-@needs("inelastic")
-@pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_a_wrong_slope_is_told_on_all_ranks(found, ranks):
-    """Of the worst point of all, and there are several, by the largest difference of all."""
-    assert len(found[ranks]["steep"]) == ranks
-    for told in found[ranks]["steep"]:
-        assert told == found[ranks]["steep"][0] and len(told) == 1
-        assert "the slope of Steep(yield_stress=100.0, hardening=2000.0) is 3.62e-05" in told[0]
-        assert "differences of its flow give 1.21e-05" in told[0]
+    A wrong slope is told of the worst point of all ranks, by the largest difference of all.
+    """
+    brittle, torn, steep = (found[ranks][name] for name in ("brittle", "torn", "steep"))
+    assert len(brittle) == len(torn) == len(steep) == ranks
+    for text in brittle:
+        assert text.startswith("ConvergenceError: step 1 to t = 1 s") and "it breaks" in text
+    kinds = {text.split(":")[0] for text in torn}
+    assert kinds in ({"SceneError"}, {"ConvergenceError"})
+    (told,) = steep[0]
+    assert steep == [[told]] * ranks and "the slope of Steep(yield_stress=100.0, hardening=2000.0) is 3.62e-05" in told
+    assert "differences of its flow give 1.21e-05" in told
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_what_ranks_share_is_given_back(found, ranks):
+def test_what_ranks_share_is_given_back_and_kept(found, ranks):
     """PETSc keeps what several ranks have until all let go of it by name, and with it the array it writes into."""
     assert found[ranks]["left over"] == [[[0.5, 1.0], [False, False]]] * ranks
+    for change, times in found[ranks]["kept"]:
+        assert change < 1e-12 and times == 3
 
 
 @needs("moduli")
@@ -391,34 +364,24 @@ def test_a_training_together_has_bounds_and_says_so(found, ranks):
     assert found[ranks]["side by side"] == (ranks > 1)
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
-def test_snapshots_of_several_ranks_are_kept(found, ranks):
-    for change, times in found[ranks]["kept"]:
-        assert change < 1e-12 and times == 3
-
-
 LONELY = """
+import sys
+sys.path[:0] = {folders!r}
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from mpi4py import MPI
-floor, lid = block.side(1, upper=False), block.side(1, upper=True)
-scene = hhr.Scene(
-    name="lonely", geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(2, 1)),
-    hypothesis="plane_strain", bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
-    contacts=(hhr.Obstacle(floor, normal=(0, -1), offset=0.0),),
-    displacements=(*hhr.Displacement.clamp(block.side(0, upper=False), 2),),
-    loads=(hhr.Pressure(lid, hhr.Amplitude(slopes={"push": 1.0})),),
-    parameters=hhr.ParameterSpace(("push",), (0.0,), (1.0,)),
-)
+from scenes import block_scene
+held, floor = block.side(0, upper=False), hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.0)
+clamped = hhr.Displacement.clamp(held, 2)
 try:
-    hhr.FullOrderModel(scene, MPI.COMM_WORLD)
+    hhr.FullOrderModel(block_scene("lonely", {{"a": (0, 1)}}, cells=(2, 1), contacts=(floor,), displacements=clamped))
 except hhr.errors.SceneError as error:
     print(error, flush=True)
 """
 
 
 def test_a_rank_without_cells_is_told_on_every_rank():
-    assert launch(3, ["-c", LONELY]).count("1 of 3 ranks have no cell of the mesh: take fewer ranks") == 3
+    said = launch(3, ["-c", LONELY.format(folders=SCENE_FOLDERS)])
+    assert said.count("1 of 3 ranks have no cell of the mesh: take fewer ranks") == 3
 
 
 STUDY = """
@@ -542,35 +505,34 @@ TOGETHER = {
     "pairing": "hhr.FullOrderModel(pairing())",
     "snapshots": "hhr.compute_snapshots(hhr.FullOrderModel(scene), scene.parameters.grid([4]), after(2, fail_here))",
 }
+OWN = "hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world"
 EACH_FOR_ITSELF = {
     "geometry": "hhr.train(failing_geometry(False), [4])",
     "pairing": "hhr.train(pairing(), [4])",
     "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
-    "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
-    "store=FailingStore())",
+    "store": f"spread_snapshots({OWN}, store=FailingStore())",
 }
 if present("tables"):
     EACH_FOR_ITSELF["query"] = "hhr.answer_points(answering, np.zeros((9, 1)), world, after(0, fail_here))"
 
 
 def run_failing(case, ranks, patience=3.0):
-    program = FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)
-    return run_program(ranks, ["-c", program], limit=WAIT)
+    return run_program(ranks, ["-c", FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)])
 
 
 @pytest.mark.parametrize("name", TOGETHER)
 def test_a_rank_that_fails_in_common_work_ends_the_run(name):
-    """The others wait inside of MPI: ended, with the reason, and not as if all were well."""
-    # those that wait inside of MPI never come, however long they are waited for
-    run = run_failing(TOGETHER[name], ranks=2, patience=0.2)
+    """The others wait inside of MPI, however long: ended, with the reason, and not as if all were well."""
+    ended(run_failing(TOGETHER[name], ranks=2, patience=0.2))
+
+
+def ended(run):
     assert run.returncode != 0 and "went on" not in run.stdout
-    assert "Awkward: the disk of this rank is full" in run.stderr and "failed on rank 1 of 2" in run.stderr
+    assert "failed on rank 1 of 2" in run.stderr and "Awkward: the disk of this rank is full" in run.stderr
 
 
 def test_a_rank_that_fails_in_work_of_its_own_ends_the_run():
-    run = run_failing(EACH_FOR_ITSELF["snapshot"], ranks=2)
-    assert run.returncode != 0 and "went on" not in run.stdout
-    assert "failed on rank 1 of 2, Awkward: the disk of this rank is full" in run.stderr
+    ended(run_failing(EACH_FOR_ITSELF["snapshot"], ranks=2))
 
 
 CAUGHT = """
@@ -614,9 +576,8 @@ def test_every_rank_raises_what_it_can():
     run = run_failing(case, ranks=3)
     assert run.returncode == 0 and run.stdout.count("went on") == 3, run.stderr
     # what two ranks print at once may stand on one line
-    told = [
-        json.JSONDecoder().raw_decode(line[line.index("[[") :])[0] for line in run.stdout.splitlines() if "[[" in line
-    ]
+    lines = [line[line.index("[[") :] for line in run.stdout.splitlines() if "[[" in line]
+    told = [json.JSONDecoder().raw_decode(line)[0] for line in lines]
     assert [line[0][0] for line in told] == list(range(len(actions)))
     for line in told[: len(EACH_FOR_ITSELF)]:
         kinds, texts = zip(*(words[2:] for words in line), strict=True)

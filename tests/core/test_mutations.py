@@ -10,7 +10,6 @@ import random
 import re
 import resource
 import struct
-import subprocess
 import sys
 import warnings
 import zipfile
@@ -18,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import WAIT, BareFull, answer, rewrite_signed
+from bare import BareFull, answer, python, rewrite_signed
 from needs import needs, present
 
 import hhr_dolfinx as hhr
@@ -112,51 +111,9 @@ def describe(content, dice):
 BYTES = [flip, flip_structure, flip_often, truncate, cut_a_piece, insert, overwrite, set_field, encrypt, describe]
 
 
-def other_type(header, arrays, dice):
-    name = dice.choice(sorted(arrays))
-    types = [np.float32, np.float16, np.int32, np.int64, np.uint8, np.complex128, "U9", "S9", ">f8", bool]
-    changed = arrays[name].astype(dice.choice([item for item in types if np.dtype(item) != arrays[name].dtype]))
-    arrays[name] = changed
-
-
-def other_shape(header, arrays, dice):
-    name = dice.choice(sorted(arrays))
-    array = arrays[name]
-    shapes = [array[None], array[..., None], np.concatenate([np.atleast_1d(array)] * 2), np.atleast_1d(array)[1:]]
-    if array.ndim > 1:
-        shapes += [array.ravel(), array[:, 0], np.concatenate([array, array[:1]])]
-    arrays[name] = dice.choice([item for item in shapes if item.shape != array.shape])
-
-
-def not_finite(header, arrays, dice):
-    name = dice.choice([name for name, array in sorted(arrays.items()) if array.dtype.kind == "f" and array.size])
-    arrays[name].flat[dice.randrange(arrays[name].size)] = dice.choice([np.nan, np.inf, -np.inf])
-
-
-def other_keys(header, arrays, dice):
-    name = dice.choice(sorted(arrays))
-    array = arrays.pop(name)
-    new = dice.choice(
-        [None, "more", "a.b.c", f"{name}.more", ".", "known.", "amplitudes7.slopes", "laws0.more", "flow.cells", name]
-    )
-    if new:
-        arrays[new] = array
-    if new == name:
-        arrays["reduced.more"] = array
-
-
-def other_header(header, arrays, dice):
-    key = dice.choice(sorted(header))
+def other_header(header, dice):
     junk = [None, "two", [], {}, -1, 10**400, float("nan"), [[]], True, 1.5, {"names": 1}, ["a"], "\0"]
-    header[key] = dice.choice(junk)
-    for what in ("amplitudes", "laws"):
-        if isinstance(header.get(what), list) and header[what] and dice.random() < 0.5:
-            header[what][0] = dice.choice([*junk, {"kind": "Coverage", "numbers": {}}, {"kind": dice.choice(junk)}])
-    if isinstance(header.get("parameters"), dict) and dice.random() < 0.5:
-        header["parameters"][dice.choice(["names", "lower", "upper", "more"])] = dice.choice(junk)
-
-
-SIGNED = [other_type, other_shape, not_finite, other_keys, other_header]
+    header[dice.choice(sorted(header))] = dice.choice(junk)
 
 
 def archive(members, method=zipfile.ZIP_STORED):
@@ -179,24 +136,22 @@ def text_header(text):
     return archive({"header.npy": [array_bytes(np.array(text))]})
 
 
-def long_description(literal):
-    """An array whose description is an expression for an interpreter to choke on."""
-    body = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(literal) + 1) + literal + b"\n"
-    return archive({"header.npy": [body + bytes(80)]})
+def description(text):
+    """What stands before the numbers of an array."""
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text) + 1) + text + b"\n"
 
 
-def huge_array(size, held):
-    """A description of a huge array of which only some bytes are there."""
-    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({size},), }}".encode()
-    return archive(
-        {"header.npy": [b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text) + 1) + text + b"\n", bytes(held)]}
-    )
+def described(text, held=80):
+    """An array of some bytes whose description an interpreter may choke on, or that is much larger than what it has."""
+    return archive({"header.npy": [description(text) + bytes(held)]})
+
+
+def huge_array(size):
+    return described(f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({size},), }}".encode(), 800)
 
 
 def bomb(method):
-    """A megabyte that holds a gigabyte of zeros."""
-    text = b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }\n"
-    start = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
+    start = description(b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }")
     content = bytearray(archive({"header.npy": [start, *[bytes(2**20)] * 1024]}, zipfile.ZIP_DEFLATED))
     if method == "stored":  # as if its gigabyte lay in the file as it is
         for mark, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
@@ -218,11 +173,11 @@ FOREIGN = {
     "deep objects": lambda: text_header('{"a":' * 100_000),
     "long number": lambda: text_header('{"format": ' + "9" * 10_000 + "}"),
     "no object": lambda: text_header("[1, 2]"),
-    "deep description": lambda: long_description(b"(" * 60_000),
-    "signs": lambda: long_description(b"-" * 60_000 + b"1"),
-    "open text": lambda: long_description(b"{'descr': '''"),
-    "huge": lambda: huge_array(10**12, 800),
-    "impossible size": lambda: huge_array(10**30, 800),
+    "deep description": lambda: described(b"(" * 60_000),
+    "signs": lambda: described(b"-" * 60_000 + b"1"),
+    "open text": lambda: described(b"{'descr': '''"),
+    "huge": lambda: huge_array(10**12),
+    "impossible size": lambda: huge_array(10**30),
     "long directory": lambda: archive({f"{k}.npy": [] for k in range(30_000)}),
     "bomb": lambda: bomb("deflated"),
     "bomb that says it is none": lambda: bomb("stored"),
@@ -230,7 +185,7 @@ FOREIGN = {
 
 
 def mutants(original, folder, count, seed):
-    """Mutated copies of a file, as (what was done, path): all foreign ones, then bytes and signed content in turn."""
+    """Mutated copies of a file, as (what was done, path): foreign ones, then bytes and signed headers in turn."""
     dice = random.Random(seed)
     content = original.read_bytes()
     # each foreign one has a test of its own too; in a small sample the bombs are seen by their memory
@@ -251,10 +206,9 @@ def mutants(original, folder, count, seed):
             change(changed, dice)
             path.write_bytes(changed)
         else:
-            change = dice.choice(SIGNED)
-            name = change.__name__
+            name = "other header"
             path.write_bytes(content)
-            rewrite_signed(path, lambda header, arrays, change=change: change(header, arrays, dice))
+            rewrite_signed(path, lambda header, arrays: other_header(header, dice))
         yield f"{name} ({k})", path
 
 
@@ -321,8 +275,7 @@ def trial(kind, original, folder, count, seed):
     """Outcomes that are wrong, by what was done to the file, and how many were refused."""
     folder.mkdir()
     cases = list(mutants(original, folder, count, seed))
-    command = [sys.executable, __file__, kind, str(original), *(str(path) for _, path in cases)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
+    run = python(__file__, kind, original, *(path for _, path in cases), code=None)
     lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]
     wrong, refused = {}, 0
     for (name, _), (outcome, growth) in zip(cases, lines, strict=False):

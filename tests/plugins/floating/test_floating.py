@@ -1,19 +1,17 @@
 """Bodies that nothing but contact holds: equilibrium, what they rest on, what is free after that, reduced models."""
 
 import dataclasses
-import json
 import warnings
 
 import gmsh
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from needs import needs
+from scenes import block_scene, slope, slope_errors, space
 from scipy.optimize import minimize, nnls
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -27,41 +25,32 @@ from hhr_dolfinx.reduction.exact import exact_condensation
 
 LOWER, UPPER = blocks.LOWER, blocks.UPPER
 LEFT = side(UPPER, 0, False)
+# all of them may slide along the interface
+pytestmark = pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
 
 
 def scene(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):
     """A block that lies on another one and is pressed down by a force."""
-    loads = (
-        hhr.Traction(blocks.outer_end(UPPER, 2), (sideways, -1.0), hhr.Amplitude(slopes={"p": 1.0})),
-        hhr.Traction(LEFT, (0.0, -1.0), tilt),
-    )
+    pressed = hhr.Traction(blocks.outer_end(UPPER, 2), (sideways, -1.0), slope("p"))
     given = dict(
         name="floating",
         geometry=lambda comm: blocks.stacked_blocks(comm, lower=cells, upper=cells, bulge=bulge),
         hypothesis="plane_strain",
         bodies=(hhr.Body(LOWER, 2000.0, 0.3), hhr.Body(UPPER, young, 0.3)),
         contacts=(hhr.NodeToNode(blocks.interface(LOWER, 2), blocks.interface(UPPER, 2), (0.0, 1.0)),),
-        displacements=tuple(hhr.Displacement(blocks.outer_end(LOWER, 2), k) for k in range(2)),
-        loads=loads,
-        parameters=hhr.ParameterSpace(("p",), (1.0,), (10.0,)),
+        displacements=hhr.Displacement.clamp(blocks.outer_end(LOWER, 2), 2),
+        loads=(pressed, hhr.Traction(LEFT, (0.0, -1.0), tilt)),
+        parameters=space(p=(1.0, 10.0)),
     )
     return hhr.Scene(**(given | changes))
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    """All of them may slide along the interface, which a warning says."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "body 2 .* moves along axis 0", SceneWarning)
-        yield
 
 
 def residual(full, answer):
     """Forces out of balance on free dofs, over the largest force."""
     problem = full.problem.at(answer.parameter)
-    theta = problem.amplitudes(answer.parameter)
     acting = problem.contact.T @ answer.forces()
-    left = problem.stiffness @ answer.displacement() + acting - problem.external @ theta
+    left = problem.stiffness @ answer.displacement() + acting
+    left -= problem.external @ problem.amplitudes(answer.parameter)
     return np.abs(left[problem.free]).max() / np.abs(acting).max()
 
 
@@ -101,21 +90,20 @@ def test_a_hold_that_carries_nothing_changes_nothing():
 
 
 def test_what_nothing_holds_is_named_with_its_motion():
-    with pytest.warns(
-        SceneWarning, match=r"body 2 of scene 'floating', .* moves along axis 0, which no contact resists"
-    ):
+    resists = r"body 2 of scene 'floating', .* moves along axis 0, which no contact resists"
+    with pytest.warns(SceneWarning, match=resists):
         hhr.FullOrderModel(scene(), MPI.COMM_SELF)
-    with pytest.raises(
-        NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive and no contact resists"
-    ):
-        hhr.FullOrderModel(scene(sideways=0.1), MPI.COMM_SELF)
     lone = scene(contacts=(hhr.Obstacle(blocks.interface(LOWER, 2), (0.0, 1.0), 2.0),))
-    with pytest.raises(NotSolvableError, match=r"body 2 .* can move freely: it moves along axis 0, .*turns\. Impose"):
-        hhr.FullOrderModel(lone, MPI.COMM_SELF)
+    for made, why in (
+        (scene(sideways=0.1), r"moves along axis 0, which loads drive and no contact resists"),
+        (lone, r"can move freely: it moves along axis 0, .*turns\. Impose"),
+    ):
+        with pytest.raises(NotSolvableError, match=f"body 2 .* {why}"):
+            hhr.FullOrderModel(made, MPI.COMM_SELF)
 
 
 def test_a_body_that_is_pulled_away_has_no_answer():
-    full = hhr.FullOrderModel(scene(parameters=hhr.ParameterSpace(("p",), (-1.0,), (10.0,))), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(scene(parameters=space(p=(-1.0, 10.0))), MPI.COMM_SELF)
     assert full.solve(-0.5, raise_on_failure=False).status is Status.ADRIFT
     message = r"pull it away.* push it: body 2 .* moves along axis 0, moves along axis 1, turns"
     with pytest.raises(NotSolvableError, match=message):
@@ -124,23 +112,13 @@ def test_a_body_that_is_pulled_away_has_no_answer():
 
 @pytest.mark.parametrize("young", [1000.0, pytest.param("E", marks=needs("moduli"))])
 def test_gradients_are_those_of_differences(young):
-    space = hhr.ParameterSpace(("p", "E"), (1.0, 500.0), (10.0, 2000.0))
-    made = scene(
-        young=young, tilt=0.2, parameters=space if young == "E" else hhr.ParameterSpace(("p",), (1.0,), (10.0,))
-    )
+    box = {"p": (1.0, 10.0)} | ({"E": (500.0, 2000.0)} if young == "E" else {})
+    made = scene(young=young, tilt=0.2, parameters=space(**box))
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
-    reduced = hhr.train(made, full.parameters.grid([4] * len(made.parameters.names)), comm=MPI.COMM_SELF).build()
-    at = np.array([5.0, 900.0])[: len(made.parameters.names)]
+    reduced = hhr.train(made, full.parameters.grid([4] * len(box)), comm=MPI.COMM_SELF).build()
+    at = [5.0, 900.0][: len(box)]
     for model in (full, reduced):
-        answer = model.solve(at, gradient=True)
-        for place in range(at.size):
-            step = np.zeros(at.size)
-            step[place] = 1e-4 * at[place]
-            one, two = model.solve(at + step), model.solve(at - step)
-            for name in ("unknown", "multipliers"):
-                slope = (getattr(one, name) - getattr(two, name)) / (2 * step[place])
-                size = np.abs(getattr(answer, name)).max() / at[place]
-                np.testing.assert_allclose(getattr(answer.gradient, name)[:, place], slope, atol=1e-6 * size)
+        assert slope_errors(model, at, step=1e-4).max() < 1e-5
 
 
 @pytest.mark.parametrize("young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))])
@@ -187,38 +165,9 @@ def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
     # the same by non-negative least squares, with the balance as a stiff equation
     lower = np.linalg.cholesky(schur)
     stiff = 1e4
-    other = nnls(
-        np.vstack([lower.T, stiff * taken.T]), np.concatenate([-np.linalg.solve(lower, slack), stiff * driving])
-    )[0]
+    rhs = np.concatenate([-np.linalg.solve(lower, slack), stiff * driving])
+    other = nnls(np.vstack([lower.T, stiff * taken.T]), rhs)[0]
     np.testing.assert_allclose(found.forces, other, atol=1e-4 * size)
-
-
-PROGRAM = """
-import json, sys, warnings
-sys.path[:0] = {folders!r}
-warnings.simplefilter("ignore")
-import hhr_dolfinx as hhr
-import test_floating, your_scene
-from mpi4py import MPI
-found = {{}}
-for name, scene, point in (("floating", test_floating.scene(tilt=0.2), 4.0), ("file", your_scene.scene(), (0.9, 0.1)),
-                           ("deck", your_scene.from_abaqus(), (0.9, 0.1))):
-    model = hhr.FullOrderModel(scene)
-    answer = model.solve(point)
-    found[name] = answer.forces().tolist(), list(answer.outputs().values.values()) if scene.outputs else []
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(found))
-"""
-
-
-def test_ranks_change_no_motion_and_no_name():
-    """Bodies held by contact and mesh files on 1, 2 and 3 ranks: round-off."""
-    program = PROGRAM.format(folders=SCENE_FOLDERS)
-    one, *others = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3))
-    for other in others:
-        for name, (forces, outputs) in one.items():
-            assert other[name][0] == pytest.approx(forces, abs=1e-9 * max(forces)), name
-            assert other[name][1] == pytest.approx(outputs, rel=1e-9), name
 
 
 def ring_on_shaft(pairing):
@@ -247,12 +196,9 @@ def ring_on_shaft(pairing):
         hypothesis="plane_strain",
         bodies=(hhr.Body("shaft", 1000.0, 0.3), hhr.Body("ring", 2000.0, 0.3)),
         contacts=(pairing("ring_in", "shaft_out"),),
-        parameters=hhr.ParameterSpace(("p", "down"), (1.0, 0.0), (10.0, 0.5)),
+        parameters=space(p=(1.0, 10.0), down=(0.0, 0.5)),
         displacements=hhr.Displacement.clamp("shaft_in", 2),
-        loads=(
-            hhr.Pressure("ring_out", hhr.Amplitude(slopes={"p": 1.0})),
-            hhr.BodyForce("ring", (0.0, -1.0), hhr.Amplitude(slopes={"down": 1.0})),
-        ),
+        loads=(hhr.Pressure("ring_out", slope("p")), hhr.BodyForce("ring", (0.0, -1.0), slope("down"))),
     )
 
 
@@ -272,40 +218,31 @@ def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
     assert 7.5 < pressure.mean() < 10.0 and pressure.min() > 0.7 * pressure.mean()
     if pairing is hhr.Mortar:
         assert np.ptp(pressure) < 0.05 * pressure.mean()
-    heavy = full.solve((5.0, 0.5))
-    normal = full.problem.contact @ full.problem.kernel.motions
-    assert residual_along(full, heavy, normal) < 1e-10
-
-
-def residual_along(full, answer, effects):
-    """Balance along the motions that contact holds, over the largest part of it."""
-    driving = full.problem.kernel.motions.T @ (full.problem.loads @ full.problem.amplitudes(answer.parameter))
-    held = effects.T @ answer.forces()
-    return np.abs(driving - held).max() / (np.abs(effects).T @ answer.forces()).max()
+    heavy, effects = full.solve((5.0, 0.5)), full.problem.contact @ full.problem.kernel.motions
+    driving = full.problem.kernel.motions.T @ (full.problem.loads @ full.problem.amplitudes(heavy.parameter))
+    size = (np.abs(effects).T @ heavy.forces()).max()
+    assert np.abs(driving - effects.T @ heavy.forces()).max() < 1e-10 * size
 
 
 def between_walls():
     """A block on a floor, pressed down, between walls that it need not touch; the left one may come near."""
-    box = block.side
-    return hhr.Scene(
-        name="between_walls",
-        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(8, 4)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, 1000.0, 0.0),),
+    left = block.side(0, False)
+    return block_scene(
+        "between_walls",
+        {"press": (1.0, 10.0), "wall": (0.0, 0.3), "side": (0.0, 5.0)},
+        upper=(2, 1),
+        cells=(8, 4),
+        young=1000.0,
+        poisson=0.0,
         contacts=(
-            hhr.Obstacle(box(1, False), (0.0, -1.0), 0.0),
-            hhr.Obstacle(box(0, False), (-1.0, 0.0), 0.1),
-            hhr.Obstacle(box(0, True), (1.0, 0.0), 2.5),
+            hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0),
+            hhr.Obstacle(left, (-1.0, 0.0), 0.1),
+            hhr.Obstacle(block.side(0, True), (1.0, 0.0), 2.5),
         ),
-        parameters=hhr.ParameterSpace(("press", "wall", "side"), (1.0, 0.0, 0.0), (10.0, 0.3, 5.0)),
-        openings=(hhr.Opening(1, hhr.Amplitude(slopes={"wall": -1.0})),),
-        loads=(
-            hhr.Pressure(box(1, True), hhr.Amplitude(slopes={"press": 1.0})),
-            hhr.Traction(box(0, False), (1.0, 0.0), hhr.Amplitude(slopes={"side": 1.0})),
-        ),
+        openings=(hhr.Opening(1, slope("wall", -1.0)),),
+        loads=(hhr.Pressure(block.side(1, True), slope("press")), hhr.Traction(left, (1.0, 0.0), slope("side"))),
         outputs=(
-            hhr.DisplacementAt("across", place=(1.0, 1.0), component=0),
-            hhr.DisplacementAt("down", place=(1.0, 1.0), component=1),
+            *(hhr.DisplacementAt(name, (1.0, 1.0), axis) for axis, name in enumerate(("across", "down"))),
             hhr.ContactForce("weight", contact=0, direction=(0.0, -1.0)),
         ),
     )
@@ -314,14 +251,8 @@ def between_walls():
 @pytest.fixture(scope="module")
 def walled():
     training = hhr.train(between_walls(), [2, 3, 2])
-    return {
-        "full": training.full_order,
-        "condensed": hhr.condense(training.full_order),
-        "HHR": training.build(AS_IT_IS),
-    }
-
-
-AS_IT_IS = hhr.Recipe().as_it_is()
+    full = training.full_order
+    return {"full": full, "condensed": hhr.condense(full), "HHR": training.build(hhr.Recipe().as_it_is())}
 
 
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UndeterminedWarning", "ignore:.*kept out:UserWarning")
@@ -344,10 +275,8 @@ def test_a_motion_that_contact_leaves_open_is_the_least_one(walled, kind, wall, 
 
 @pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
 def test_a_motion_that_contact_leaves_open_is_named(walled, kind):
-    with pytest.warns(
-        UndeterminedWarning,
-        match=r"moves along \[-?1.0, .?0.0\] at press = 4, .* least motion",
-    ):
+    said = r"moves along \[-?1.0, .?0.0\] at press = 4, .* least motion"
+    with pytest.warns(UndeterminedWarning, match=said):
         walled[kind].solve((4.0, 0.1, 0.0))
 
 
