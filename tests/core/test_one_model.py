@@ -18,9 +18,7 @@ from peers import DualBasisModel
 from scenes import pressed_block
 from scipy.stats import spearmanr
 from test_active_set import Twice
-from toy_basis import EveryKth
-from toy_indicator import EquilibriumResidual
-from toy_nodes import WholeSurface
+from toy_steps import EquilibriumResidual, EveryKth, WholeSurface
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status

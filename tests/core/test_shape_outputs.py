@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import press_fit as demo
 import pytest
+from my_output import MyOutput
 from needs import needs, present
-from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -43,7 +43,7 @@ def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
         hhr.VonMises("below", block.SOLID, "max", ((0.0, 0.0), (2.0, 0.45))),
         hhr.ElasticEnergy("energy"),
         hhr.LinearForm("side", lambda a: a.test[0] * a.ds(block.side(0, upper=True))),
-        MeanPressure("mean pressure", 0),
+        MyOutput("mean pressure", 0),
     )
     x, y = coordinate_names(hypothesis)
     push = hhr.Amplitude(slopes={"push": -1.0})
@@ -258,7 +258,7 @@ def test_outputs_stay_with_their_nodes(fulls):
 
 
 @dataclasses.dataclass(frozen=True)
-class OfOtherConditions(MeanPressure):
+class OfOtherConditions(MyOutput):
     """Mean pressure of what lies high enough, which is another number of conditions on another shape."""
 
     def prepared(self, probe):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from needs import present
 from scenes import pressed_pair
-from toy_elimination import DenseElimination
 from toy_functional import PressureNorm, SmoothPeak
-from toy_reductor import DenseCondensation
+from toy_reductor import DenseCondensation, DenseElimination
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
