@@ -11,6 +11,7 @@ import warnings
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from test_nonmatching import check_closed
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, ReductionError, SceneError
@@ -19,7 +20,7 @@ from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sph
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.pairings.projection import closest_points
 from hhr_dolfinx.pairings.surface import make_surface
-from hhr_dolfinx.reduction.projection import open_conditions, project, reduced_domain
+from hhr_dolfinx.reduction.projection import project, reduced_domain
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
 
@@ -464,30 +465,6 @@ def test_facets_inside_the_mesh_are_refused():
 
 
 # ------------------------------------------------------------------------------------------------------ RID
-def brute_force_faults(problem, sets, nodes):
-    """Whatever contradicts the definitions of the index sets, by plain loops."""
-    size, faults = problem.block_size, []
-    inside, conditions, cells = set(sets.A.tolist()), set(sets.A_lambda.tolist()), set(sets.cells.tolist())
-    whole = np.ones(len(problem.points), dtype=bool)
-    for number, cell in enumerate(problem.cell_nodes):
-        if number not in cells:
-            whole[cell] = False
-    faults += [("A outside", d) for d in inside if not problem.free[d] or not whole[d // size]]
-    faults += [
-        ("lost", n) for n in nodes for d in range(size * n, size * n + size) if problem.free[d] and d not in inside
-    ]
-    for row in range(problem.contact.shape[0]):
-        entries = problem.contact[row].tocoo()
-        touched = {int(c) for c, v in zip(entries.col, entries.data, strict=True) if v}
-        if row not in conditions and touched & inside:
-            faults.append(("open", row))
-        slave = problem.contact_slaves[row]
-        free = [d for d in range(size * slave, size * slave + size) if problem.free[d]]
-        if free and all(d in inside for d in free) != (row in conditions):
-            faults.append(("A_lambda", row))
-    return faults
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("kind", ["slave 1", "slave 2", "dual", "standard", "double"])
 def test_reduced_domains_are_closed(dim, kind):
@@ -511,8 +488,7 @@ def test_reduced_domains_are_closed(dim, kind):
         for _ in range(3):
             nodes = np.concatenate([rng.choice(at_contact, 2), rng.integers(len(problem.points), size=2)])
             sets = reduced_domain(problem, nodes, layers)
-            assert not brute_force_faults(problem, sets, nodes)
-            assert open_conditions(problem, sets).size == 0
+            check_closed(problem, nodes, sets)
             project(problem, basis, sets)
             row = sets.A_lambda[0]
             if np.intersect1d(problem.contact[row].nonzero()[1], sets.A).size:

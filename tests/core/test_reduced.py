@@ -1,17 +1,12 @@
 """RID, projection and the reduced model against their definitions and against the full order."""
 
-import dataclasses
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from needs import needs
 from referenced import references_at
-from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
+from scenes import check_contact_conditions, whole_domain
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.modes import deim
@@ -106,13 +101,6 @@ def test_reduced_contact_conditions(hertz_reduction, start):
         assert solution.converged
 
 
-def test_warm_and_cold_starts_agree(hertz_reduction):
-    for mu in np.random.default_rng(3).uniform(0.15, 0.45, 50):
-        warm, cold = hertz_reduction.solve(mu), hertz_reduction.solve(mu, start=None)
-        assert warm.multipliers == pytest.approx(cold.multipliers, abs=1e-12)
-        assert warm.unknown == pytest.approx(cold.unknown, abs=1e-12)
-
-
 def test_nearest_known_statuses():
     known = KnownStatuses(np.array([[0.0, 0.0], [1.0, 1e6], [0.4, 1e6]]), np.eye(3, dtype=bool))
     # the second parameter is a million times larger and must not drown the first
@@ -157,56 +145,3 @@ def test_reconstructed_forces_keep_the_rid_and_repeat_snapshots(hertz, hertz_sna
         reference = hertz_snapshots.forces[:, k]
         assert forces == pytest.approx(reference, abs=0.02 * reference.max())
         assert forces.min() >= 0
-
-
-def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.ndarray]:
-    """The same problem with its nodes in another order; also the old dof of each new one."""
-    order = np.random.default_rng(seed).permutation(len(problem.points))
-    dofs = node_dofs(problem, order)
-    number = np.argsort(order)
-    return (
-        dataclasses.replace(
-            problem,
-            stiffness_terms=(problem.stiffness[dofs][:, dofs],),
-            node_mass=problem.node_mass[order][:, order],
-            free=problem.free[dofs],
-            loads=problem.loads[dofs],
-            lifts=problem.lifts[dofs],
-            contact=problem.contact[:, dofs],
-            contact_slaves=number[problem.contact_slaves],
-            cell_nodes=number[problem.cell_nodes],
-            points=problem.points[order],
-        ),
-        dofs,
-    )
-
-
-class Arrays(SimpleNamespace, AnsweringModel):
-    """In the place of a full model: all that is used of one; what is computed of it once is known by its identity."""
-
-    of_full_order = True
-
-    __hash__ = object.__hash__
-
-
-def test_node_order_does_not_matter(hertz, hertz_snapshots, hertz_reduction):
-    problem, dofs = renumbered(hertz.problem, seed=5)
-    snapshots = dataclasses.replace(hertz_snapshots, displacements=hertz_snapshots.displacements[dofs])
-    other = Arrays(
-        problem=problem,
-        parameters=problem.parameters,
-        schur=hertz.schur,
-        equilibrium=None,
-        stress_of=None,
-        functionals=None,
-    )
-    recipe = dataclasses.replace(THESIS.as_it_is(), bound=False)  # there are no factors of the other one
-    reduction = hhr.build(other, snapshots, recipe)
-    assert np.array_equal(reduction.offline.sets.A_lambda, hertz_reduction.offline.sets.A_lambda)
-    for mu in (0.168, 0.4321):
-        answer, reference = reduction.solve(mu), hertz_reduction.solve(mu)
-        field, forces = reference.displacement(), reference.forces()
-        # DEIM may pick the mirror image of a node, which moves the answer within the model error only
-        assert answer.displacement() == pytest.approx(field[dofs], abs=1e-3 * np.abs(field).max())
-        inside = reduction.offline.sets.A_lambda
-        assert answer.forces()[inside] == pytest.approx(forces[inside], abs=1e-3 * forces.max())
