@@ -109,11 +109,18 @@ def check_extreme_cases(reports):
     assert {name for name, outcome in full.items() if outcome != "right"} == refused
     assert {full[name] for name in refused} == {"refused"}
     assert {name: outcome for name, outcome in known.items() if outcome != "right"} == {
-        "overlap of the sag of facets": "warned", "Norton tube of triangles": "warned",
-    }  # fmt: skip
+        "overlap of the sag of facets": "warned",
+        "Norton tube of triangles": "warned",
+    }
     assert len(known) == 7
-    for name in ("press fit, contact never opens", "three shrink-fitted rings", "far obstacle at 1e8",
-                 "pellet 1e-6 times as stiff", "pellet 1e6 times as stiff", "stresses in GPa"):  # fmt: skip
+    for name in (
+        "press fit, contact never opens",
+        "three shrink-fitted rings",
+        "far obstacle at 1e8",
+        "pellet 1e-6 times as stiff",
+        "pellet 1e6 times as stiff",
+        "stresses in GPa",
+    ):
         assert reduced[name] == "right", name
     untrained = [name for name in reduced if name.startswith("not trained: ")]
     assert len(untrained) == 4
@@ -125,10 +132,13 @@ def check_extreme_cases(reports):
 
 
 CHECKS = {
-    "extreme_cases": check_extreme_cases, "fretting": check_friction, "pellet_cladding": check_pellet,
-    "pellet_cladding_nonmatching": check_nonmatching, "press_fit_torque": check_friction,
+    "extreme_cases": check_extreme_cases,
+    "fretting": check_friction,
+    "pellet_cladding": check_pellet,
+    "pellet_cladding_nonmatching": check_nonmatching,
+    "press_fit_torque": check_friction,
     "sphere_on_block": check_sphere,
-}  # fmt: skip
+}
 """What reports must hold besides."""
 OF_PLUGINS = {
     "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"),

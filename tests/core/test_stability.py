@@ -78,19 +78,37 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.offline.stability.euclidean.beta_HR, rel=1e-6)
 
 
-def test_trust_check_refuses_and_warns(hertz_reduction):
-    stability = hertz_reduction.offline.stability
-    check_stability(stability, TrustLimits())
-    with pytest.raises(NotSolvableError, match=r"1\.67"):
-        check_solvable(dataclasses.replace(stability, kappa_B=math.inf))
-    with pytest.raises(UnstableModelError, match="add RID layers"):
-        check_stability(dataclasses.replace(stability, cond_K=1e9), TrustLimits())
-    with pytest.raises(UnstableModelError):
-        check_stability(dataclasses.replace(stability, cond_K=math.nan), TrustLimits())
-    with pytest.warns(StabilityWarning, match="cond"):
-        check_stability(dataclasses.replace(stability, cond_K=3e6), TrustLimits())
-    with pytest.warns(StabilityWarning, match="kappa"):
-        check_stability(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"kappa_B": math.inf}, r"1\.67"),
+        ({"kappa_B_2": math.inf}, ""),
+        ({"cond_K": 1e9}, "add RID layers"),
+        ({"cond_K": math.nan}, ""),
+        ({"beta_HR": 0.0}, ""),
+        ({"beta_HR_2": 0.0}, ""),
+        ({"alpha_prime": 0.0}, ""),
+        ({"cond_K": 3e6}, "cond"),
+        ({"kappa_B": 50.0}, "kappa"),
+        ({"contact_definite": -0.5}, "may have two answers"),
+    ],
+)
+def test_every_constant_refuses_or_warns(hertz_reduction, given, said):
+    good, limits = hertz_reduction.offline.stability, TrustLimits()
+    check_solvable(good)
+    check_stability(good, limits)
+    (name,) = given
+    if hasattr(good.euclidean, name):
+        spoiled = dataclasses.replace(good, euclidean=dataclasses.replace(good.euclidean, **given))
+    else:
+        spoiled = dataclasses.replace(good, **given)
+    if said in ("cond", "kappa", "may have two answers"):
+        with pytest.warns(StabilityWarning, match=said):
+            check_stability(spoiled, limits)
+        return
+    with pytest.raises(NotSolvableError if "kappa" in name else UnstableModelError, match=said):
+        check_solvable(spoiled)
+        check_stability(spoiled, limits)
 
 
 def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots):
