@@ -16,13 +16,12 @@ from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
 from toy_pairing import RoundPunch
 from toy_reductor import DenseCondensation, DenseElimination
-from toy_system import Foundation
+from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx import testing as suite
 from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.testing import LOWER_SURFACE, UPPER_SURFACE
@@ -35,14 +34,6 @@ WIND = WindLoad(suite.FLANK, (1.0, 0.0), 0.5, "speed")
 LOADS = {"speed": (1.0, 3.0), "height": (1.1, 1.9)}
 K = {"k": (0.0, 20.0)}
 KNOWN = [DenseElimination]
-
-
-class Parted(Foundation):
-    """The same foundation with its parts."""
-
-    def parts(self):
-        names = self.problem.parameters.names
-        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
 
 
 PASS = [

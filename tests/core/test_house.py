@@ -252,6 +252,10 @@ UNNEEDED = {
         "hhr_dolfinx.plugins.moduli.interpolate_reduced",
         "hhr_dolfinx.reduction.starts",
     ],
+    "loads on bodies": [
+        "hhr_dolfinx.volume_loads",
+        "hhr_dolfinx.forms.volume",
+    ],
     "gradients": [
         "hhr_dolfinx.models.gradient",
         "hhr_dolfinx.plugins.inelastic.history_gradient",

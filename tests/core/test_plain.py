@@ -139,27 +139,24 @@ class Holding:
     value: Any
 
 
-def in_a_file(value, folder, known):
-    """A value written and read."""
+@pytest.mark.parametrize(
+    "value",
+    [
+        Σ(np.arange(3.0)),
+        OfUnits(1.0, 3, 4),
+        Everything(0.1, 3, True, "μ", (1.0, 2.5), ("a", 4), np.linspace(0, 1, 6).reshape(2, 3)),
+    ],
+)
+def test_a_value_comes_back_from_a_file(value, tmp_path):
     data, tables = as_plain(value)
-    write_arrays(folder / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
-    header, tables = read_arrays(folder / "value.npz", "a value", 1)
-    return restored(header["value"], tables, by_name(known))
-
-
-def test_names_that_are_no_ascii(tmp_path):
-    value = Σ(np.arange(3.0))
-    assert same(in_a_file(value, tmp_path, [Σ]), value)
-
-
-def test_annotations_of_others_are_no_sizes(tmp_path):
-    value = OfUnits(1.0, 3, 4)
-    assert same(in_a_file(value, tmp_path, [OfUnits]), value)
+    write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
+    header, tables = read_arrays(tmp_path / "value.npz", "a value", 1)
+    assert same(restored(header["value"], tables, by_name([type(value)])), value)
 
 
 def test_what_changes_its_own_arrays_is_refused_and_left_alone():
     value = Doubled(np.ones(3))
-    with pytest.raises(FileContentError, match="made of its own fields is another Doubled"):
+    with pytest.raises(FileContentError, match=r"made of its own fields is another Doubled.*__post_init__"):
         as_plain(value)
     assert np.all(value.table == 2)
 
@@ -217,14 +214,6 @@ def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
 def test_a_value_comes_back_to_the_last_bit(value):
     data, tables = as_plain(value)
     assert same(restored(through_json(data), tables, KINDS), value)
-
-
-def test_a_value_comes_back_from_a_file(tmp_path):
-    value = Everything(0.1, 3, True, "μ", (1.0, 2.5), ("a", 4), np.linspace(0, 1, 6).reshape(2, 3))
-    data, tables = as_plain(value)
-    write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
-    header, tables = read_arrays(tmp_path / "value.npz", "a value", 1)
-    assert same(restored(header["value"], tables, KINDS), value)
 
 
 def test_numbers_of_numpy_become_plain():
@@ -346,16 +335,6 @@ class Loose:
 
 
 @dataclass(frozen=True)
-class Degrees:
-    """A class that changes its field each time it is made."""
-
-    angle: float
-
-    def __post_init__(self):
-        object.__setattr__(self, "angle", self.angle * 2)
-
-
-@dataclass(frozen=True)
 class Speechless:
     """A class that cannot be shown."""
 
@@ -374,11 +353,6 @@ class Speechless:
 def test_what_no_file_holds_is_refused_when_saving(value):
     with pytest.raises(FileContentError, match=r"frozen dataclass|must be a"):
         as_plain(value)
-
-
-def test_a_class_that_changes_its_fields_each_time_is_refused():
-    with pytest.raises(FileContentError, match=r"another Degrees.*__post_init__"):
-        as_plain(Degrees(0.25))
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from scenes import pressed_pair
-from toy_system import Foundation
+from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -162,26 +161,14 @@ class Sparser(Foundation):
     """Leaves entries out, whose places the factors would take for those of others."""
 
     def equations(self, point, theta):
-        self.made(csr_without_zeros(self.mass), self.problem)
-
-
-def csr_without_zeros(matrix):
-    found = matrix.copy()
-    found.eliminate_zeros()
-    return found
+        matrix = self.mass.copy()
+        matrix.eliminate_zeros()
+        self.made(matrix, self.problem)
 
 
 def test_a_matrix_of_another_pattern_is_refused():
     with pytest.raises(SceneError, match="must have the pattern of K of the bodies"):
         hhr.FullOrderModel(scene(system=Sparser))
-
-
-class Parted(Foundation):
-    """The same with parts: reductors read K and M with their weights."""
-
-    def parts(self):
-        names = self.problem.parameters.names
-        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
 
 
 @needs("moduli")

@@ -46,17 +46,6 @@ def test_it_answers_as_the_full_order_does(training, model, tmp_path):
         assert len(one.march([(float(k), point) for k, point in enumerate(points)]).answers) == len(points) - 1
 
 
-def test_its_output_has_a_value_and_derivatives_everywhere(training, model):
-    """Between the largest pressure and that times a root of the number of conditions; slopes against differences."""
-    point = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
-    found = model.outputs(point, gradient=True)
-    conditions = training.full_order.conditions
-    assert found["peak"] <= found["smooth"] <= found["peak"] * conditions ** (1 / 8.0)
-    differences = model.parameters.differences(
-        lambda moved: np.array([model.outputs(moved)["smooth"]]), point, 1e-5)[0]  # fmt: skip
-    assert found.gradient["smooth"] == pytest.approx(differences, rel=1e-5, abs=1e-6 * np.abs(differences).max())
-
-
 def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):
     with pytest.raises(ValueError, match="are more than 3"):
         training.build(DenseCondensation(most=3))

@@ -1,8 +1,5 @@
 """Condensation without a training: forces as the full model has them, fields if they are asked for."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 from needs import needs, present
@@ -73,18 +70,6 @@ def test_fields_are_refused_by_name_until_they_are_asked_for(untrained):
     with pytest.raises(HHRError, match=r"condensed for contact forces.*fields=True"):
         answer.displacement()
     assert answer.estimate() is None
-
-
-def test_files_and_copies_answer_alike(untrained, tmp_path):
-    name, full, model = untrained
-    others = [pickle.loads(pickle.dumps(model)), copy.copy(model)]
-    if name != "constant":  # of which a file holds no model
-        hhr.save_model(tmp_path / "model.npz", model)
-        others.append(hhr.load_model(tmp_path / "model.npz"))
-    for point in full.parameters.random(5, 2):
-        for other in others:
-            assert other.solve(point).forces() == pytest.approx(model.solve(point).forces(), rel=1e-12)
-            assert other.outputs(point, gradient=True)["peak"] == pytest.approx(model.outputs(point)["peak"], rel=1e-12)
 
 
 @needs("moduli")
