@@ -157,3 +157,37 @@ def squeezed(deepest):
         ),
         outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
     )
+
+
+def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **others):
+    """Two blocks of edge 1, one pressed on the other by the pressure ``p``: the stress is uniform.
+
+    With "obstacle" the lower one rests on a rigid floor; ``alike`` if nodes face each other.
+    """
+    side, (below, on_top) = two_blocks.side, (two_blocks.FIRST, two_blocks.SECOND)
+    last = dim - 1
+    lower, upper = np.zeros(dim), np.ones(dim)
+    above = np.eye(dim)[last]
+    normal = tuple(above)
+    first = lower, upper, (3,) * dim
+    second = lower + above, upper + above, (3 if alike else 4,) * dim
+    faces = side(below, last, True), side(on_top, last, False)
+    contact = {
+        "node to node": lambda: hhr.NodeToNode(*faces, normal), "node to surface": lambda: hhr.NodeToSurface(*faces),
+        "double pass": lambda: hhr.DoublePass(*faces), "mortar": lambda: hhr.Mortar(*faces),
+        "obstacle": lambda: hhr.Obstacle(side(below, last, False), tuple(-above), 0.0),
+    }[pairing]()  # fmt: skip
+    resting = pairing == "obstacle"
+    held = () if resting else (hhr.Displacement(side(below, last, False), last),)
+    sides = (hhr.Displacement(side(body, axis, False), axis) for body in (below, on_top) for axis in range(last))
+    return hhr.Scene(**{
+        "name": "stacked",
+        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
+        "hypothesis": "plane_strain" if dim == 2 else "solid",
+        "bodies": (hhr.Body(below, 3.0, 0.3), hhr.Body(on_top, 5.0, 0.2)),
+        "contacts": (contact, *((hhr.NodeToNode(*faces, normal),) if resting else ())),
+        "displacements": (*held, *sides),
+        "loads": (hhr.Pressure(side(on_top, last, True), hhr.Amplitude(slopes={"p": 1.0})),),
+        "parameters": hhr.ParameterSpace(("p",), (0.1,), (1.0,)),
+        **others,
+    })  # fmt: skip

@@ -157,24 +157,26 @@ def test_closest_points_of_an_arc_in_any_unit(scale):
     np.testing.assert_allclose(found, [nearest(p, corners) for p in x], atol=1e-12)
 
 
-@pytest.mark.parametrize("triangles", [True, False])
-def test_closest_points_of_a_sphere(triangles):
+def cap(x, y):
+    """Near the top of a sphere."""
+    return 1 - np.sqrt(1 - (x**2 + y**2) / 3)
+
+
+def wave(x, y):
+    """A surface whose quadrilaterals are warped."""
+    return 0.1 * np.sin(7 * x) * np.cos(5 * y)
+
+
+@pytest.mark.parametrize(
+    ("height", "cells", "triangles", "jitter", "away"),
+    [(cap, 5, True, 0.2, 0.5), (cap, 5, False, 0.2, 0.5), (wave, 7, False, 0.0, 0.3)],
+)
+def test_closest_points_in_space(height, cells, triangles, jitter, away):
+    """A jittered sphere is only slightly warped: the convex hulls that GJK takes are the facets within 1e-9."""
     rng = np.random.default_rng(1)
-    cap = lambda x, y: 1 - np.sqrt(1 - (x**2 + y**2) / 3)  # noqa: E731
-    points, facets = grid(5, 5, cap, triangles=triangles, jitter=0.2, rng=rng)
-    x = rng.uniform(-0.1, 1.1, (25, 2))
-    x = np.column_stack([x, cap(*x.T) + rng.uniform(-0.5, 0.5, 25)])
-    found = np.linalg.norm(closest_points(x, points[facets]).offsets, axis=1)
-    # a jittered sphere is only slightly warped: the convex hulls that GJK takes are the facets within 1e-9
-    np.testing.assert_allclose(found, [nearest(p, points[facets]) for p in x], atol=1e-9)
-
-
-def test_closest_points_of_warped_quadrilaterals():
-    rng = np.random.default_rng(0)
-    wave = lambda x, y: 0.1 * np.sin(7 * x) * np.cos(5 * y)  # noqa: E731
-    points, facets = grid(7, 7, wave)
-    x = rng.uniform(0, 1, (60, 2))
-    x = np.column_stack([x, wave(*x.T) + rng.uniform(-0.3, 0.3, 60)])
+    points, facets = grid(cells, cells, height, triangles=triangles, jitter=jitter, rng=rng)
+    x = rng.uniform(-0.1 if jitter else 0.0, 1.1 if jitter else 1.0, (60, 2))
+    x = np.column_stack([x, height(*x.T) + rng.uniform(-away, away, 60)])
     found = np.linalg.norm(closest_points(x, points[facets]).offsets, axis=1)
     np.testing.assert_allclose(found, [nearest(p, points[facets]) for p in x], atol=1e-9)
 
@@ -414,18 +416,6 @@ def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
     np.testing.assert_allclose(rows.gap, 0.01, atol=1e-12)
     with pytest.raises(SceneError, match=r"several layers of master surface 2 face slave surface 1 at \["):
         rows_of(hhr.Mortar(1, 2, UP2), *stack_of_thin_plates())
-
-
-def test_mortar_on_strongly_warped_facets_says_what_is_wrong():
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        k = rng.uniform(2, 12, 4)
-        a = grid(4, 5, lambda x, y, k=k: np.sin(k[0] * x + 1) * np.cos(k[1] * y))
-        b = grid(5, 3, lambda x, y, k=k: 0.1 + np.sin(k[2] * x + 1) * np.cos(k[3] * y))
-        try:
-            rows_of(hhr.Mortar(1, 2), *sheets(a, b))
-        except SceneError:
-            pass
 
 
 def pairings(dim):
