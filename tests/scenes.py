@@ -70,15 +70,8 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     """Two blocks of height 1 on each other: the lower one is clamped, the upper one pushed, slid and pressed aside.
 
     Nothing in it is uniform, displacements that move are imposed on the upper body, and contact is lost in places.
-
-    Args:
-        hypothesis: of the scene.
-        bodies: young and poisson of the lower and of the upper one.
-        parameters: bounds by name of what these name, beside ``PAIR_BOX``.
-        cells: along each axis.
-        simplices: triangles or tetrahedra.
-        matching: whether nodes face each other; otherwise the lower surface is the slave of ``NodeToSurface``.
-        others: parts of a scene in the place of these.
+    Bodies are (young, poisson) or a Body; ``parameters`` are bounds by name beside ``PAIR_BOX``. Where nodes do not
+    face each other the lower surface is the slave of ``NodeToSurface``. ``others`` replace parts of the scene.
     """
     dim = 3 if hypothesis == "solid" else 2
     up, space = dim - 1, PAIR_BOX | (parameters or {})
@@ -122,23 +115,23 @@ def slope_errors(model, point, step=1e-5):
 
     The statuses must not change within a step.
     """
-    space, point = model.parameters, np.array(point, dtype=float)
+    space = model.parameters
     answer = model.solve(point, gradient=True)
     assert not answer.gradient.one_sided
+    width, names = np.subtract(space.upper, space.lower), ("multipliers", "unknown")
+
+    def values(moved):
+        found = model.solve(moved, outside="ignore")
+        assert np.array_equal(found.active, answer.active)
+        return np.concatenate([getattr(found, name) for name in names])
+
+    changes = np.split(space.differences(values, np.array(point, dtype=float), step) * width, [answer.multipliers.size])
     errors = []
-    for place, (low, high) in enumerate(zip(space.lower, space.upper, strict=True)):
-        ends = []
-        for sign in (-1, 1):
-            moved = point.copy()
-            moved[place] += sign * step * (high - low)
-            ends.append(model.solve(moved, outside="ignore"))
-            assert np.array_equal(ends[-1].active, answer.active)
-        for name in ("multipliers", "unknown"):
-            change = (getattr(ends[1], name) - getattr(ends[0], name)) / (2 * step)
-            size = np.linalg.norm(getattr(answer, name))
-            found = getattr(answer.gradient, name)[:, place] * (high - low)
-            errors.append(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3 * size) if size else 0.0)
-    return np.array(errors).reshape(-1, 2)
+    for name, change in zip(names, changes, strict=True):
+        size = np.linalg.norm(getattr(answer, name))
+        off = np.linalg.norm(getattr(answer.gradient, name) * width - change, axis=0)
+        errors.append(off / (np.linalg.norm(change, axis=0) + 1e-3 * size) if size else np.zeros(off.size))
+    return np.transpose(errors)
 
 
 def squeezed(deepest):
@@ -191,3 +184,10 @@ def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **other
         "parameters": hhr.ParameterSpace(("p",), (0.1,), (1.0,)),
         **others,
     })  # fmt: skip
+
+
+def references_at(points, full, training):
+    """Full answers at test points, see ``References.at`` of the plug-in of studies."""
+    from hhr_dolfinx.plugins.studies.measure import References
+
+    return References.at(points, full, training)

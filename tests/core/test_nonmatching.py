@@ -8,8 +8,7 @@ import pellet_cladding_nonmatching as demo
 import pytest
 from mpi4py import MPI
 from needs import needs
-from referenced import references_at
-from scenes import node_dofs, whole_domain
+from scenes import node_dofs, references_at, whole_domain
 from scipy import linalg
 
 import hhr_dolfinx as hhr

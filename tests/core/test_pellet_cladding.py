@@ -9,8 +9,7 @@ import pellet_cladding as demo
 import pytest
 from hertz_half_discs import scene as hertz_scene
 from needs import needs
-from referenced import references_at
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, references_at
 from scipy.sparse import csc_matrix, issparse
 
 import hhr_dolfinx as hhr

@@ -11,8 +11,7 @@ import pytest
 from bare import rewrite_signed
 from mpi4py import MPI
 from needs import needs, present
-from referenced import references_at
-from scenes import THESIS, pressed_pair
+from scenes import THESIS, pressed_pair, references_at
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
 
