@@ -6,7 +6,6 @@ Bases, choices of nodes and indicators of a user's own are one file each, listed
 import dataclasses
 import inspect
 import json
-import warnings
 from contextlib import suppress
 
 import contract
@@ -26,6 +25,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterErro
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.estimates import STRESS
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.warn import collected
 
 ELASTIC = ["full", "condensed", "condensed to forces", "reduced"]
 FLOWING = ["full", "reduced"]
@@ -486,10 +486,8 @@ def test_a_recipe_is_described_in_plain_values(recipe):
 
 
 def warnings_of(snapshots, held_out, full):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        with suppress(ReductionError, NotSolvableError):
-            hhr.build(full, snapshots, None, held_out)
+    with collected() as caught, suppress(ReductionError, NotSolvableError):
+        hhr.build(full, snapshots, None, held_out)
     return " ".join(str(item.message) for item in caught)
 
 

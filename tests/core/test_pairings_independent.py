@@ -6,7 +6,6 @@ where a sampling minimises a distance, the distance (second order in the positio
 
 import dataclasses
 import itertools
-import warnings
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.pairings.projection import closest_points
 from hhr_dolfinx.pairings.surface import make_surface
 from hhr_dolfinx.reduction.projection import project, reduced_domain
+from hhr_dolfinx.warn import ignored
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
 
@@ -86,10 +86,8 @@ def sheets(slave, master, turn=None):
     )
 
 
-def rows_of(pairing, slave, master, points, quiet=True):
-    with warnings.catch_warnings():
-        if quiet:
-            warnings.simplefilter("ignore", PairingWarning)
+def rows_of(pairing, slave, master, points):
+    with ignored(PairingWarning):
         return pairing.rows((slave, master), points.size)
 
 
@@ -139,8 +137,7 @@ def scene(geometry, pairing, dim, hypothesis=None, held=()):
 
 
 def problem_of(what):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with ignored(Warning):
         model = Discretisation(what)
         return model.contact_problem((model.own_rows(model.assemble_stiffness()),))
 

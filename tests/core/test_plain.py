@@ -4,7 +4,7 @@ import json
 import math
 import string
 from dataclasses import dataclass, field, fields, make_dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import pytest
@@ -122,6 +122,13 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Loose:
+    """A dataclass of anything."""
+
+    field: object
+
+
+@dataclass(frozen=True)
 class OfUnits:
     """A value whose annotations say something else than sizes."""
 
@@ -130,13 +137,6 @@ class OfUnits:
     cycles: Annotated[int, "per second"]
     name: Annotated[str, "of a material"] = "steel"
     several: Annotated[tuple[int, ...], "n", "< 3"] = (5,)
-
-
-@dataclass(frozen=True)
-class Holding:
-    """Whatever it is given."""
-
-    value: Any
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_what_changes_its_own_arrays_is_refused_and_left_alone():
 @pytest.mark.parametrize("value", [Pair(1.0), csr_array(np.eye(2)), csr_matrix(np.eye(2, dtype=int))])
 def test_what_would_come_back_as_another_type_is_refused(value):
     with pytest.raises(FileContentError, match=r"frozen dataclass|no sparse matrix of floating-point"):
-        as_plain(Holding(value))
+        as_plain(Loose(value))
 
 
 def test_a_name_that_is_taken():
@@ -186,9 +186,9 @@ def test_a_name_that_is_taken():
     ],
 )
 def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
-    data, tables = as_plain(Holding(csr_matrix(np.eye(3))))
+    data, tables = as_plain(Loose(csr_matrix(np.eye(3))))
     with pytest.raises(FileContentError, match="sparse matrix"):
-        restored(data, tables | {f"value.{part}": change}, by_name([Holding]))
+        restored(data, tables | {f"value.{part}": change}, by_name([Loose]))
 
 
 @pytest.mark.parametrize(
@@ -198,10 +198,10 @@ def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
 def test_a_small_file_fills_no_memory(shape, why):
     table = np.zeros(200)
     table[3] = 1.0
-    data, tables = as_plain(Holding(table))
+    data, tables = as_plain(Loose(table))
     data["fields"]["value"]["shape"] = shape
     with pytest.raises(FileContentError, match=why):
-        restored(data, tables, by_name([Holding]))
+        restored(data, tables, by_name([Loose]))
 
 
 def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
@@ -325,13 +325,6 @@ class Thawed:
     """A dataclass that may change."""
 
     number: float = 1.0
-
-
-@dataclass(frozen=True)
-class Loose:
-    """A dataclass of anything."""
-
-    field: object
 
 
 @dataclass(frozen=True)

@@ -29,18 +29,15 @@ def solved(problem, mu):
     return homogeneous, found.forces
 
 
-def two_blocks(pairing):
-    """Turned blocks on meshes that do not match, pressed and pushed aside."""
-    return hhr.FullOrderModel(patch.scene(pairing, (8, 6), (14, 6), poisson=0.3, angle=1.0, bulge=0.04))
-
-
 @pytest.fixture(scope="module", params=["node_to_node", "node_to_surface", "mortar"])
 def case(request, hertz):
     """A full model, a parameter, and a RID that leaves most of it and some contact out."""
     if request.param == "node_to_node":
         full, mu = hertz, 0.3123
     else:
-        full, mu = two_blocks({"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar}[request.param]), [0.09, 0.03]
+        pairing = {"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar}[request.param]
+        turned = patch.scene(pairing, (8, 6), (14, 6), poisson=0.3, angle=1.0, bulge=0.04)
+        full, mu = hhr.FullOrderModel(turned), [0.09, 0.03]
     slaves = full.problem.contact_slaves
     sets = reduced_domain(full.problem, slaves[len(slaves) // 2 : len(slaves) // 2 + 2], layers=1)
     assert open_conditions(full.problem, sets).size == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from functools import partial
 
 import contract
@@ -25,6 +24,7 @@ from hhr_dolfinx.errors import ConvergenceError, LockingWarning, PairingWarning,
 from hhr_dolfinx.full_order.locking import gauss_degree, stiffness_degree
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+from hhr_dolfinx.warn import collected, ignored
 
 pressed = partial(stacked, order=2)
 
@@ -207,8 +207,7 @@ def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices)
 
 
 def warned_of_sag(scene):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collected() as caught:
         hhr.FullOrderModel(scene, MPI.COMM_SELF)
     return any("the gap is one of the mesh" in str(item.message) for item in caught)
 
@@ -232,8 +231,7 @@ def test_displacements_of_second_order_on_straight_sides_of_a_round_are_told_of(
     coarse = hertz_half_discs.scene(arc_segments=28, flat_segments=7)
     off = []
     for order in (1, 2):
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with collected() as caught:
             full = hhr.FullOrderModel(dataclasses.replace(coarse, order=order, outputs=outputs), MPI.COMM_SELF)
         told = any("straight" in str(item.message) and "order=1" in str(item.message) for item in caught)
         assert told == (order == 2)
@@ -262,8 +260,7 @@ def test_a_slave_beyond_the_edge_of_its_master(swapped):
     for pairing in (hhr.NodeToSurface, hhr.Mortar):
         scene = pressed(2, False, "node to node", contacts=(pairing(*faces),), displacements=held, loads=())
         scene = dataclasses.replace(scene, geometry=lambda comm: two_blocks(comm, first=first, second=second))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PairingWarning)
+        with ignored(PairingWarning):
             full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
         assert full.problem.contact_areas.min() > 0
         found.append(full.solve({"p": 1.0}).forces().sum())

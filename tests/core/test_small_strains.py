@@ -18,6 +18,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models import strains as cell_strains
 from hhr_dolfinx.models.strains import StrainOperators
 from hhr_dolfinx.study.condensing import condensed
+from hhr_dolfinx.warn import collected
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +114,12 @@ def shortened(push):
 )
 def test_training_of_elastic_bodies(scene, warned, refused):
     """The end of the strip turns by 3/2 of push / 20, and strains by a fortieth of that."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        with pytest.raises(ReductionError, match=refused) if refused else nullcontext():
-            hhr.train(scene, 3, held_out=0)
-    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    with (
+        collected(SmallStrainWarning) as caught,
+        pytest.raises(ReductionError, match=refused) if refused else nullcontext(),
+    ):
+        hhr.train(scene, 3, held_out=0)
+    said = [str(item.message) for item in caught]
     assert len(said) == (warned is not None) and all(re.search(warned, text) for text in said)
 
 
@@ -138,11 +140,10 @@ def test_corners_of_the_box_of_a_model_are_looked_at():
 def test_each_verb_warns_of_strains_that_are_large():
     """The full model at the first answer that has them, and once more beyond all sense; condensation of its box."""
     full = hhr.FullOrderModel(squeezed(12.0))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collected(SmallStrainWarning) as caught:
         for down in (0.7, 3.0, 3.5, 11.9, 12.0):
             full.solve([down])
-    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    said = [str(item.message) for item in caught]
     assert len(said) == 2
     assert said[0].startswith("at down = 3: a strain of 0.2")
     assert said[1].startswith("at down = 11.9: a strain of 1.2")

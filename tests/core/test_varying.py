@@ -289,11 +289,3 @@ print("all is well")
 def test_on_two_ranks():
     """Beside plain scenes and differences, which test_mpi holds to those of one rank."""
     assert launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)]).count("all is well") == 2
-
-
-def test_answers_do_not_depend_on_who_used_the_factors_in_between():
-    """Those of a point are kept for the next one of its moduli; reducing and checking put others in their place."""
-    full = hhr.FullOrderModel(pressed_pair("plane_strain", BODIES, MATERIALS, cells=3))
-    before = full.solve(POINT)
-    full.store.first.refactor(full.problem.at({**POINT, "E1": 5.0, "c": 0.1}).own_stiffness)
-    check_like(full.solve(POINT), before)
