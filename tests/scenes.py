@@ -110,6 +110,14 @@ def largest_difference(found, expected):
     return np.abs(np.subtract(found, expected)).max() / np.abs(expected).max()
 
 
+def check_alike(full, model, points, **tolerances):
+    """Hold fields of a model, by their names, to those of the full order, relative to the largest entry."""
+    for point in points:
+        exact, found = full.solve(point), model.solve(point, outside="ignore")
+        for name, tolerance in tolerances.items():
+            assert largest_difference(getattr(found, name)(), getattr(exact, name)()) < tolerance, name
+
+
 def slope_errors(model, point, step=1e-5):
     """Relative errors of the gradient of a model, (multipliers, unknown), beside central differences, (P,) each.
 

@@ -415,25 +415,6 @@ def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
         rows_of(hhr.Mortar(1, 2, UP2), *stack_of_thin_plates())
 
 
-def pairings(dim):
-    up = UP2 if dim == 2 else UP3
-    return [kind(1, 2, normal) for kind in (hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar) for normal in (None, up)]
-
-
-@pytest.mark.parametrize("pairing", pairings(2), ids=str)
-def test_surfaces_that_never_face_each_other(pairing):
-    x = np.linspace(0, 1, 5)
-    low, aside = np.column_stack([x, 0 * x]), np.column_stack([x + 5, 0 * x + 0.1])
-    with pytest.raises(SceneError, match="never face"):
-        rows_of(pairing, *lines(low, aside))
-    points = np.vstack([low, low + np.array([0, 0.1])])
-    wrong = make(1, points, chain(5), np.array([0.5, -1])), make(2, points, chain(5, 5), np.array([0.5, -1]))
-    with pytest.raises(SceneError, match="face"):
-        rows_of(pairing, *wrong, points)
-    with pytest.raises(SceneError, match="no area"):
-        rows_of(pairing, *lines(np.where(np.arange(5)[:, None] == 2, np.nan, low), low + np.array([0, 0.1])))
-
-
 def inner_facets(comm):
     from dolfinx import mesh as dmesh
 

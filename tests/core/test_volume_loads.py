@@ -9,7 +9,7 @@ from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
 from needs import needs
 from parted import by_lapack
-from scenes import slope_errors
+from scenes import check_alike, largest_difference, slope_errors
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
@@ -223,12 +223,8 @@ def test_moduli_as_formulas_and_as_numbers():
     for point in full.parameters.random(3, seed=2):
         numbers = layers(young=point[0], poisson=point[1], clamped=True, loads=UNEVEN)
         expected, answer = hhr.FullOrderModel(numbers).solve(point[2:]), full.solve(point)
-        for one, two in (
-            (answer.displacement(), expected.displacement()),
-            (answer.forces(), expected.forces()),
-            (answer.stress(), expected.stress()),
-        ):
-            assert one == pytest.approx(two, abs=1e-10 * np.abs(two).max())
+        for name in ("displacement", "forces", "stress"):
+            assert largest_difference(getattr(answer, name)(), getattr(expected, name)()) < 1e-10
 
 
 @pytest.fixture(scope="module")
@@ -241,12 +237,11 @@ def training():
 def test_reduced_and_condensed(training, how):
     """They agree with the full model, in stresses too."""
     full, model = training.full_order, getattr(training, how)()
-    for point in full.parameters.random(10, seed=3):
-        expected, answer = full.solve(point), model.solve(point)
-        displacement, stress, forces = expected.displacement(), expected.stress(), expected.forces()
-        assert answer.displacement() == pytest.approx(displacement, abs=1e-4 * np.abs(displacement).max())
-        assert answer.forces() == pytest.approx(forces, abs=1e-3 * np.abs(forces).max())
-        assert np.linalg.norm(answer.stress() - stress) < 1e-3 * np.linalg.norm(stress)
+    points = full.parameters.random(10, seed=3)
+    check_alike(full, model, points, displacement=1e-4, forces=1e-3)
+    for point in points:
+        stress = full.solve(point).stress()
+        assert np.linalg.norm(model.solve(point).stress() - stress) < 1e-3 * np.linalg.norm(stress)
 
 
 @needs("moduli")
