@@ -1,10 +1,13 @@
 """Small scenes with closed-form answers, and checks every contact solution must pass."""
 
+import dataclasses
+
 import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.reduction.projection import reduced_domain
+from hhr_dolfinx.shapes import coordinate_names
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""
@@ -199,3 +202,21 @@ def references_at(points, full, training):
     from hhr_dolfinx.plugins.studies.measure import References
 
     return References.at(points, full, training)
+
+
+def meshed(scene, point):
+    """The scene on a mesh that has the shape of a point already."""
+
+    def moved(comm):
+        mesh, cells, facets = scene.geometry(comm)
+        dim, before = mesh.geometry.dim, mesh.geometry.x.copy()
+        values = dict(zip(scene.parameters.names, point, strict=True))
+        for shape in scene.shapes:
+            nodes = np.unique(mesh.geometry.dofmap[cells.find(shape.tag)])
+            mesh.geometry.x[nodes, :dim] = shape.moved(before[nodes, :dim], names, values)
+        return mesh, cells, facets
+
+    names = coordinate_names(scene.hypothesis)
+    # that move nothing, so that both have one rule of integration
+    still = tuple(hhr.Shape(shape.tag, names) for shape in scene.shapes)
+    return dataclasses.replace(scene, geometry=moved, shapes=still)

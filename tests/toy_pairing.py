@@ -11,10 +11,7 @@ from hhr_dolfinx.pairings import ContactRows, mean_normal, nodal_rows, tangentia
 class RoundPunch:
     """Contact with a rigid disc or ball ``|x - centre| >= radius``, linearised: ``u·n <= |x - centre| - radius``.
 
-    Attributes:
-        surface: facet tag of the surface of the body.
-        centre: of the punch, outside the body; on the axis in axisymmetry.
-        radius: of the punch.
+    The centre is outside the body, on the axis in axisymmetry; ``surface`` is a facet tag of the body.
     """
 
     surface: int

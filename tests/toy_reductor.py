@@ -16,14 +16,7 @@ from hhr_dolfinx.models.exact import ExactFields
 
 @dataclass(frozen=True)
 class DenseElimination(Elimination):
-    """Eliminates with K^-1 as a dense matrix (n unknowns, m conditions, 1 + T terms).
-
-    Attributes:
-        inverse: K^-1, (n, n).
-        contact: B, (m, n).
-        loads, gaps: as terms of θ, (n, 1 + T) and (m, 1 + T).
-        amplitudes: θ as a function of the parameters.
-    """
+    """Eliminates with K^-1 as a dense matrix; loads and gaps are terms of θ."""
 
     inverse: Annotated[Floats, "unknowns", "unknowns"]
     contact: Annotated[Floats, "m", "unknowns"]
@@ -46,11 +39,7 @@ class DenseElimination(Elimination):
 
 @dataclass(frozen=True)
 class DenseCondensation:
-    """Exact where the stiffness is constant, refused elsewhere, and as slow to build as it is short.
-
-    Attributes:
-        most: dofs beyond which it refuses.
-    """
+    """Exact where the stiffness is constant, refused elsewhere and beyond ``most`` dofs, as slow as it is short."""
 
     most: int = 2000
 

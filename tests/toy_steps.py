@@ -13,11 +13,9 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 
 @dataclass(frozen=True)
 class EveryKth:
-    """Every k-th snapshot, the most independent first; what depends on the others is left out.
+    """Every k-th snapshot, the most independent first.
 
-    Attributes:
-        k: 1 takes all of them.
-        tolerance: part of a snapshot's length that the others leave over, below which it depends on them.
+    Those of which the others leave less than a tolerance of their length are left out.
     """
 
     k: int
@@ -32,11 +30,7 @@ class EveryKth:
 
 @dataclass(frozen=True)
 class WholeSurface:
-    """The slave nodes of a contact pair: no contact force of it is left to be completed.
-
-    Attributes:
-        pair: its number in the scene.
-    """
+    """The slave nodes of a contact pair, by its number: no contact force of it is left to be completed."""
 
     pair: int = 0
 

@@ -75,16 +75,17 @@ def test_whole_coverage_is_the_plain_pressure(small):
     assert partial == pytest.approx(reference, abs=1e-9 * np.abs(reference).max())
 
 
-def test_partial_pressures_up_to_what_is_no_parameter():
-    load = hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(1.0), extent="height")
-    with pytest.raises(SceneError, match="height"):
-        hhr.FullOrderModel(dataclasses.replace(demo.scene(**demo.QUICK_MESH), loads=(load,)))
-
-
-def test_partial_pressure_on_an_arc_is_refused():
-    load = hhr.PartialPressure(11, hhr.Amplitude(1.0), extent="mu", axis=0)
-    with pytest.raises(SceneError, match="not straight"):
-        hhr.FullOrderModel(dataclasses.replace(hertz_scene(), loads=(load,)))
+@pytest.mark.parametrize(
+    ("scene", "load", "why"),
+    [
+        (demo.scene(**demo.QUICK_MESH), (geometry.CLADDING_OUTER, hhr.Amplitude(1.0), "height"), "height"),
+        (hertz_scene(), (11, hhr.Amplitude(1.0), "mu", 0), "not straight"),
+    ],
+)
+def test_partial_pressures_that_are_refused(scene, load, why):
+    """Up to what is no parameter, and on an arc."""
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(dataclasses.replace(scene, loads=(hhr.PartialPressure(*load),)))
 
 
 def test_pellet_may_lift_off_or_not(small):

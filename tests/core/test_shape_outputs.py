@@ -7,6 +7,7 @@ import press_fit as demo
 import pytest
 from my_output import MyOutput
 from needs import needs, present
+from scenes import meshed
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -73,24 +74,6 @@ def small_fit():
     )
     given = demo.scene(**SMALL_FIT)
     return dataclasses.replace(given, outputs=given.outputs + more)
-
-
-def meshed(scene, point):
-    """The scene on a mesh that has the shape of a point already."""
-
-    def moved(comm):
-        mesh, cells, facets = scene.geometry(comm)
-        dim, before = mesh.geometry.dim, mesh.geometry.x.copy()
-        values = dict(zip(scene.parameters.names, point, strict=True))
-        for shape in scene.shapes:
-            nodes = np.unique(mesh.geometry.dofmap[cells.find(shape.tag)])
-            mesh.geometry.x[nodes, :dim] = shape.moved(before[nodes, :dim], names, values)
-        return mesh, cells, facets
-
-    names = coordinate_names(scene.hypothesis)
-    # that move nothing, so that both have one rule of integration
-    still = tuple(hhr.Shape(shape.tag, names) for shape in scene.shapes)
-    return dataclasses.replace(scene, geometry=moved, shapes=still)
 
 
 def placed(scene, point):

@@ -12,6 +12,7 @@ from scenes import (
     check_alike,
     check_contact_conditions,
     largest_difference,
+    meshed,
     pressed_block,
     pressed_pair,
     slope_errors,
@@ -28,27 +29,6 @@ SPACE = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
 POINT = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002, "E1": 2.0, "crown": 0.025, "tall": 0.9}
 CROWNED = hhr.Shape(1, ("x", "1 + (y - 1) * tall - crown * y * (x - 1.5)**2"))
 MESHES = {"plane_strain": {"cells": 4}, "plane_stress": {"cells": 4, "simplices": True, "matching": False}}
-
-
-def crowned(points, tag, crown, tall):
-    """The same map as a function."""
-    x, y = points.T
-    return np.column_stack([x, 1 + (y - 1) * tall - crown * y * (x - 1.5) ** 2]) if tag == 1 else points
-
-
-def meshed(hypothesis, mesh, crown, tall):
-    """The plain scene, with its nodes moved by its own geometry, constant stiffness E1 = 2."""
-    cells, matching = mesh["cells"], mesh.get("matching", True)
-    first = (1.0, 0.0), (2.0, 1.0), (cells, cells)
-    second = (1.0, 1.0), (2.0, 2.0), (cells + (0 if matching else 1), cells + (0 if matching else 1))
-
-    def geometry(comm):
-        warp = lambda points, tag: crowned(points, tag, crown, tall)  # noqa: E731
-        simplices = mesh.get("simplices", False)
-        return two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices, warp=warp)
-
-    scene = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **mesh)
-    return hhr.FullOrderModel(scene)
 
 
 BY_RULE = 1e-5
@@ -76,12 +56,15 @@ def pair(request):
 
 
 def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
-    plain = meshed(pair.scene.hypothesis, MESHES[pair.scene.hypothesis], POINT["crown"], POINT["tall"])
+    hypothesis = pair.scene.hypothesis
+    geometry = meshed(pair.scene, [POINT[name] for name in pair.parameters.names]).geometry
+    numbers = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **MESHES[hypothesis])
+    plain = hhr.FullOrderModel(numbers)
     expected = plain.solve([POINT[name] for name in PAIR_BOX])
     assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
     pair.solve([*[POINT[name] for name in PAIR_BOX], 5.0, 0.0, 1.2])
     found = pair.solve(POINT)
-    tolerance = 1e-11 if MESHES[pair.scene.hypothesis].get("simplices") else BY_RULE
+    tolerance = 1e-11 if MESHES[hypothesis].get("simplices") else BY_RULE
     check_like(found, expected, tolerance)
     problem = pair.problem.at(POINT)
     check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
