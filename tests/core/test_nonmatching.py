@@ -77,16 +77,6 @@ def test_overlapping_rows_grow_to_the_whole_surface(standard):
     assert 1 <= len(reduced_domain(dual, dual.contact_slaves[[8]]).A_lambda) < 6
 
 
-def test_a_master_node_brings_in_its_slaves(pellet):
-    """A node of the cladding keeps its place in A together with all pellet nodes that lean on it."""
-    problem = pellet.full_order.problem
-    inner = np.setdiff1d(problem.contact.indices // 2, problem.contact_slaves)
-    for node in inner[[3, 8]]:
-        sets = reduced_domain(problem, np.array([node]))
-        leaning = np.flatnonzero(np.abs(problem.contact[:, 2 * node : 2 * node + 2]).sum(axis=1))
-        assert leaning.size and np.isin(leaning, sets.A_lambda).all() and 2 * node in sets.A
-
-
 def opened(problem, sets):
     """The same RID without its closure: all nodes of its inside, whatever acts on them."""
     outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)

@@ -49,21 +49,6 @@ def test_sizes_of_the_thesis():
     assert np.bincount(problem.contact_pairs).tolist() == [101, 61]
 
 
-@pytest.mark.parametrize("h1", [0.6, 0.7, 1.4, 2.234, 3.15, 5.99, 6.0])
-def test_partial_pressure_is_exact(small, h1):
-    """Against nodal forces integrated by hand: total 2 pi R P h1, and moment 2 pi R P h1^2 / 2 about z = 0."""
-    problem = small.problem
-    force = problem.loads @ problem.amplitudes(np.array([100.0, h1]))
-    radial = force.reshape(-1, 2)[:, 0]
-    outer = 4.1 + 2e-3 + 0.57
-    z = problem.points[:, 1]
-    assert radial.sum() == pytest.approx(-2 * np.pi * outer * 100 * h1, rel=1e-12)
-    assert (radial * z).sum() == pytest.approx(-2 * np.pi * outer * 100 * h1**2 / 2, rel=1e-12)
-    assert np.abs(force.reshape(-1, 2)[:, 1]).max() == 0
-    # nothing acts above the edge that h1 lies in
-    assert np.all(radial[z > h1 + 7 / 20] == 0)
-
-
 def test_whole_coverage_is_the_plain_pressure(small):
     scene = demo.scene(**demo.QUICK_MESH)
     plain = hhr.Pressure(geometry.CLADDING_OUTER, hhr.Amplitude(slopes={"P1": 1.0}))

@@ -255,13 +255,6 @@ def test_training_points_that_leave_their_box_empty(points, empty):
     assert not caught or "of their box empty" in str(caught[0].message)
 
 
-def test_few_held_out_are_said(half_discs_coarse):
-    full_order, snapshots = half_discs_coarse
-    held_out = hhr.compute_snapshots(full_order, full_order.problem.parameters.random(5, 3))
-    with pytest.warns(UncheckedWarning, match="only 5 solutions were kept out"):
-        hhr.build(full_order, snapshots, held_out=held_out)
-
-
 @pytest.fixture(scope="module")
 def half_discs_coarse():
     full_order = hhr.FullOrderModel(hertz_demo.scene(**COARSE))
