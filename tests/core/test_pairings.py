@@ -126,13 +126,10 @@ def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
 
 def lame_pressure(interference):
     """Interface pressure of a shrink fit in plane strain (Lame): inner 1, 2; outer 2, 3; E, nu as above."""
-
-    def compliance(young, poisson, ratio, sign):
-        modulus, nu = young / (1 - poisson**2), poisson / (1 - poisson)
-        return (ratio + sign * nu) / modulus
-
-    inner = compliance(10.0, 0.3, (4 + 1) / (4 - 1), -1)
-    outer = compliance(4.0, 0.2, (9 + 4) / (9 - 4), 1)
+    inner, outer = (
+        (1 - nu**2) / young * (ratio + sign * nu / (1 - nu))
+        for young, nu, ratio, sign in ((10.0, 0.3, 5 / 3, -1), (4.0, 0.2, 13 / 5, 1))
+    )
     return interference / (2 * (inner + outer))
 
 
