@@ -33,12 +33,8 @@ class Plasticity:
             raise SceneError(f"{self} is no law")
 
 
-@dataclass(frozen=True)
-class Norton:
-    """Another one."""
-
-    resistance: float | str
-    exponent: float | str
+Norton = make_dataclass("Norton", [("resistance", float | str), ("exponent", float | str)], frozen=True)
+Σ = make_dataclass("Σ", [("σ", np.ndarray)], frozen=True)
 
 
 @dataclass(frozen=True)
@@ -99,13 +95,6 @@ def same(one, other):
 
 def through_json(data):
     return json.loads(json.dumps(data))
-
-
-@dataclass(frozen=True)
-class Σ:
-    """A value whose names are no ASCII."""
-
-    σ: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -180,7 +169,7 @@ def test_a_name_that_is_taken():
 def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
     data, tables = as_plain(Loose(csr_matrix(np.eye(3))))
     with pytest.raises(FileContentError, match="sparse matrix"):
-        restored(data, tables | {f"value.{part}": change}, by_name([Loose]))
+        restored(data, tables | {f"field.{part}": change}, by_name([Loose]))
 
 
 @pytest.mark.parametrize(
@@ -191,7 +180,7 @@ def test_a_small_file_fills_no_memory(shape, why):
     table = np.zeros(200)
     table[3] = 1.0
     data, tables = as_plain(Loose(table))
-    data["fields"]["value"]["shape"] = shape
+    data["fields"]["field"]["shape"] = shape
     with pytest.raises(FileContentError, match=why):
         restored(data, tables, by_name([Loose]))
 

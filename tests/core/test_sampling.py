@@ -39,13 +39,6 @@ def test_they_fill_the_box_more_evenly_than_random_ones(kind):
     assert (counts == 8).all()  # in every projection on an axis
 
 
-def test_sobol_points_are_even_in_pairs_too():
-    points = unit(hhr.Sobol(64).points(SPACE))
-    for first, second in ((0, 1), (0, 2), (1, 2)):
-        counts, *_ = np.histogram2d(points[:, first], points[:, second], bins=4, range=((0, 1), (0, 1)))
-        assert (counts == 4).all()
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_corners_come_first_and_beside_the_count(kind):
     points = kind(5, corners=True).points(SPACE)

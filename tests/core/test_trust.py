@@ -13,7 +13,6 @@ from mpi4py import MPI
 from needs import needs, present
 from scenes import THESIS, pressed_pair, references_at
 from scipy.optimize import nnls
-from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, round_off_force
@@ -30,7 +29,7 @@ from hhr_dolfinx.errors import (
     StabilityWarning,
     UncheckedWarning,
 )
-from hhr_dolfinx.reduction.completion import Completion, spanning_rays
+from hhr_dolfinx.reduction.completion import spanning_rays
 from hhr_dolfinx.warn import collected, ignored
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
@@ -64,22 +63,6 @@ def test_two_contacts_on_one_node_are_named():
     training = hhr.train(dataclasses.replace(scene, contacts=both), hhr.Sobol(16), held_out=0)
     with pytest.raises(NotSolvableError, match=r"contacts 0 and 1 hold the same node .* 4 places in all.*Leave out"):
         training.build(hhr.Recipe(enrichment=None).as_it_is())
-
-
-def test_each_pair_has_a_scale_of_its_own(press_fit):
-    """A far obstacle must not make the gaps of a near pair look closed."""
-    problem, snapshots = press_fit.full_order.problem, press_fit.snapshots
-    rows = problem.contact.shape[0]
-    far = dataclasses.replace(
-        problem,
-        contact=csr_matrix(np.vstack([problem.contact.toarray(), np.zeros((1, problem.free.size))])),
-        gaps=np.vstack([problem.gaps, 1e8 * np.eye(1, problem.gaps.shape[1])]),
-        contact_slaves=np.append(problem.contact_slaves, problem.contact_slaves[0]),
-        contact_pairs=np.append(problem.contact_pairs, 1),
-    )
-    forces = np.vstack([snapshots.forces, np.zeros((1, snapshots.forces.shape[1]))])
-    scale = Completion.of(far, dataclasses.replace(snapshots, forces=forces)).gap_scale
-    assert scale[:rows] == pytest.approx(0.01) and scale[rows] == 1e8
 
 
 def test_snapshots_span_the_cone_of_all():
