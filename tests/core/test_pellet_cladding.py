@@ -2,7 +2,6 @@
 
 import dataclasses
 from copy import copy
-from pathlib import Path
 
 import numpy as np
 import pellet_cladding as demo
@@ -21,8 +20,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
