@@ -1,10 +1,13 @@
 """Small scenes with closed-form answers, and checks every contact solution must pass."""
 
+import dataclasses
+
 import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.reduction.projection import reduced_domain
+from hhr_dolfinx.shapes import coordinate_names
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""
@@ -102,15 +105,8 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     """Two blocks of height 1 on each other: the lower one is clamped, the upper one pushed, slid and pressed aside.
 
     Nothing in it is uniform, displacements that move are imposed on the upper body, and contact is lost in places.
-
-    Args:
-        hypothesis: of the scene.
-        bodies: young and poisson of the lower and of the upper one.
-        parameters: bounds by name of what these name, beside ``PAIR_BOX``.
-        cells: along each axis.
-        simplices: triangles or tetrahedra.
-        matching: whether nodes face each other; otherwise the lower surface is the slave of ``NodeToSurface``.
-        others: parts of a scene in the place of these.
+    Bodies are (young, poisson) or a Body; ``parameters`` are bounds by name beside ``PAIR_BOX``. Where nodes do not
+    face each other the lower surface is the slave of ``NodeToSurface``. ``others`` replace parts of the scene.
     """
     dim = 3 if hypothesis == "solid" else 2
     up = dim - 1
@@ -147,28 +143,36 @@ def largest_difference(found, expected):
     return np.abs(np.subtract(found, expected)).max() / np.abs(expected).max()
 
 
+def check_alike(full, model, points, **tolerances):
+    """Hold fields of a model, by their names, to those of the full order, relative to the largest entry."""
+    for point in points:
+        exact, found = full.solve(point), model.solve(point, outside="ignore")
+        for name, tolerance in tolerances.items():
+            assert largest_difference(getattr(found, name)(), getattr(exact, name)()) < tolerance, name
+
+
 def slope_errors(model, point, step=1e-5):
     """Relative errors of the gradient of a model, (multipliers, unknown), beside central differences, (P,) each.
 
     The statuses must not change within a step.
     """
-    box, point = model.parameters, np.array(point, dtype=float)
+    space = model.parameters
     answer = model.solve(point, gradient=True)
     assert not answer.gradient.one_sided
+    width, names = np.subtract(space.upper, space.lower), ("multipliers", "unknown")
+
+    def values(moved):
+        found = model.solve(moved, outside="ignore")
+        assert np.array_equal(found.active, answer.active)
+        return np.concatenate([getattr(found, name) for name in names])
+
+    changes = np.split(space.differences(values, np.array(point, dtype=float), step) * width, [answer.multipliers.size])
     errors = []
-    for place, (low, high) in enumerate(zip(box.lower, box.upper, strict=True)):
-        ends = []
-        for sign in (-1, 1):
-            moved = point.copy()
-            moved[place] += sign * step * (high - low)
-            ends.append(model.solve(moved, outside="ignore"))
-            assert np.array_equal(ends[-1].active, answer.active)
-        for name in ("multipliers", "unknown"):
-            change = (getattr(ends[1], name) - getattr(ends[0], name)) / (2 * step)
-            size = np.linalg.norm(getattr(answer, name))
-            found = getattr(answer.gradient, name)[:, place] * (high - low)
-            errors.append(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3 * size) if size else 0.0)
-    return np.array(errors).reshape(-1, 2)
+    for name, change in zip(names, changes, strict=True):
+        size = np.linalg.norm(getattr(answer, name))
+        off = np.linalg.norm(getattr(answer.gradient, name) * width - change, axis=0)
+        errors.append(off / (np.linalg.norm(change, axis=0) + 1e-3 * size) if size else np.zeros(off.size))
+    return np.transpose(errors)
 
 
 def squeezed(deepest):
@@ -183,3 +187,62 @@ def squeezed(deepest):
         displacements=(hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("down", -1.0))),
         outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
     )
+
+
+def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **others):
+    """Two blocks of edge 1, one pressed on the other by the pressure ``p``: the stress is uniform.
+
+    With "obstacle" the lower one rests on a rigid floor; ``alike`` if nodes face each other.
+    """
+    side, (below, on_top) = two_blocks.side, (two_blocks.FIRST, two_blocks.SECOND)
+    last = dim - 1
+    lower, upper = np.zeros(dim), np.ones(dim)
+    above = np.eye(dim)[last]
+    normal = tuple(above)
+    first = lower, upper, (3,) * dim
+    second = lower + above, upper + above, (3 if alike else 4,) * dim
+    faces = side(below, last, True), side(on_top, last, False)
+    contact = {
+        "node to node": lambda: hhr.NodeToNode(*faces, normal), "node to surface": lambda: hhr.NodeToSurface(*faces),
+        "double pass": lambda: hhr.DoublePass(*faces), "mortar": lambda: hhr.Mortar(*faces),
+        "obstacle": lambda: hhr.Obstacle(side(below, last, False), tuple(-above), 0.0),
+    }[pairing]()  # fmt: skip
+    resting = pairing == "obstacle"
+    held = () if resting else (hhr.Displacement(side(below, last, False), last),)
+    sides = (hhr.Displacement(side(body, axis, False), axis) for body in (below, on_top) for axis in range(last))
+    return hhr.Scene(**{
+        "name": "stacked",
+        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
+        "hypothesis": "plane_strain" if dim == 2 else "solid",
+        "bodies": (hhr.Body(below, 3.0, 0.3), hhr.Body(on_top, 5.0, 0.2)),
+        "contacts": (contact, *((hhr.NodeToNode(*faces, normal),) if resting else ())),
+        "displacements": (*held, *sides),
+        "loads": (hhr.Pressure(side(on_top, last, True), hhr.Amplitude(slopes={"p": 1.0})),),
+        "parameters": hhr.ParameterSpace(("p",), (0.1,), (1.0,)),
+        **others,
+    })  # fmt: skip
+
+
+def references_at(points, full, training):
+    """Full answers at test points, see ``References.at`` of the plug-in of studies."""
+    from hhr_dolfinx.plugins.studies.measure import References
+
+    return References.at(points, full, training)
+
+
+def meshed(scene, point):
+    """The scene on a mesh that has the shape of a point already."""
+
+    def moved(comm):
+        mesh, cells, facets = scene.geometry(comm)
+        dim, before = mesh.geometry.dim, mesh.geometry.x.copy()
+        values = dict(zip(scene.parameters.names, point, strict=True))
+        for shape in scene.shapes:
+            nodes = np.unique(mesh.geometry.dofmap[cells.find(shape.tag)])
+            mesh.geometry.x[nodes, :dim] = shape.moved(before[nodes, :dim], names, values)
+        return mesh, cells, facets
+
+    names = coordinate_names(scene.hypothesis)
+    # that move nothing, so that both have one rule of integration
+    still = tuple(hhr.Shape(shape.tag, names) for shape in scene.shapes)
+    return dataclasses.replace(scene, geometry=moved, shapes=still)

@@ -39,24 +39,23 @@ def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.S
     })  # fmt: skip
 
 
-def round_block(comm):
-    """The same blocks, of which the upper one touches with a round side."""
+def lifted(comm, lift, cells):
+    """The same blocks, of which the upper one is lifted by a function of the place."""
 
     def warp(points, tag):
-        bulge = 0.2 * (points[:, 0] - 0.5) ** 2 * (2 - points[:, 1]) if tag == SECOND else 0.0
-        return points + np.outer(np.ones(len(points)) * bulge, (0.0, 1.0))
+        return points + np.outer(lift(*points.T) * (tag == SECOND), (0.0, 1.0))
 
-    shape = {"first": ((0.0, 0.0), (1.0, 1.0), (24, 24)), "second": ((0.0, 1.0), (1.0, 2.0), (24, 24))}
-    return two_blocks(comm, warp=warp, **shape)
+    return two_blocks(comm, warp=warp, first=((0, 0), (1, 1), cells), second=((0, 1), (1, 2), cells))
+
+
+def round_block(comm):
+    """Of which the upper one touches with a round side."""
+    return lifted(comm, lambda x, y: 0.2 * (x - 0.5) ** 2 * (2 - y), (24, 24))
 
 
 def leaning(comm):
-    """The same blocks, of which the upper one is lifted at its right side."""
-
-    def warp(points, tag):
-        return points + np.outer(0.03 * points[:, 0] * (tag == SECOND), (0.0, 1.0))
-
-    return two_blocks(comm, warp=warp, first=((0, 0), (1, 1), (8, 8)), second=((0, 1), (1, 2), (8, 8)))
+    """Of which the upper one is lifted at its right side."""
+    return lifted(comm, lambda x, y: 0.03 * x, (8, 8))
 
 
 def driven(dimension=2, **others) -> hhr.Scene:

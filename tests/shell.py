@@ -11,18 +11,11 @@ from click.testing import CliRunner
 from hhr_dolfinx.command.main import hhr as command
 
 DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
-
-
 PROGRAM = ["-m", "hhr_dolfinx.command.main"]
-
-
 POINT = {"travel": 0.5, "lowered": 0.1}
-
-
 AT = ["--at", "travel=0.5,lowered=0.1"]
-
-
 TRAIN = ["train", DEMO, "--sobol", "12"]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {"OMP_NUM_THREADS": "1"}
 
 
 def invoke(*words):
@@ -40,6 +33,3 @@ def run(*words, cwd=None):
     for text in (found.stdout, found.stderr):
         assert "\x1b" not in text and "\r" not in text and "Traceback" not in text, text
     return found
-
-
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {"OMP_NUM_THREADS": "1"}

@@ -1,27 +1,18 @@
 """Jobs in threads that start together."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 THREADS = 8
 
 
 def at_once(jobs):
     """Results of all jobs, started together in a thread each; the first exception is raised."""
-    results, gate = [None] * len(jobs), threading.Barrier(len(jobs))
+    gate = Barrier(len(jobs))
 
-    def run(k):
+    def run(job):
         gate.wait()
-        try:
-            results[k] = jobs[k]()
-        except Exception as error:
-            results[k] = error
+        return job()
 
-    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(jobs))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for result in results:
-        if isinstance(result, Exception):
-            raise result
-    return results
+    with ThreadPoolExecutor(len(jobs)) as pool:
+        return list(pool.map(run, jobs))

@@ -29,9 +29,7 @@ class GalerkinFields(ExactFields):
 class Galerkin(Reductor[Task]):
     """Modes of training displacements and one for each contact condition, more of them until errors are small.
 
-    Attributes:
-        small: error of displacements and forces that is small enough.
-        fields: of its models.
+    An error of displacements and forces of ``small`` is small enough.
     """
 
     small: float = 1e-3

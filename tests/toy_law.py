@@ -1,7 +1,4 @@
-"""A law of flow of a user's own, in one file: Bingham's.
-
-A frozen dataclass of numbers can be kept in a model file, ``load_model(path, known=[Bingham])``.
-"""
+"""A law of flow of a user's own, Bingham's; a file keeps it, ``load_model(path, known=[Bingham])``."""
 
 from __future__ import annotations
 
@@ -14,9 +11,7 @@ import numpy as np
 class Bingham:
     """Linear viscoplasticity with a threshold: rate of p = max(σ_eq - σ0, 0) / η, implicit Euler.
 
-    Attributes:
-        yield_stress: σ0 >= 0, in the unit of stress of the scene.
-        viscosity: η >= 0, in stress times seconds; 0 is perfect plasticity.
+    η is in stress times seconds; 0 is perfect plasticity.
     """
 
     yield_stress: float

@@ -11,12 +11,7 @@ from hhr_dolfinx.loads import Assembler
 
 @dataclass(frozen=True)
 class Square:
-    """The amplitude ``factor * mu^2`` of one column.
-
-    Attributes:
-        place: of the parameter mu.
-        factor: amplitude at mu = 1.
-    """
+    """The amplitude ``factor * mu^2`` of one column; ``place`` is that of the parameter mu."""
 
     place: int
     factor: float
@@ -29,14 +24,7 @@ class Square:
 
 @dataclass(frozen=True)
 class WindLoad:
-    """Surface force ``factor * speed^2 * direction`` per area on tagged facets.
-
-    Attributes:
-        tag: facet tag.
-        direction: of the wind.
-        factor: force per area at the speed 1.
-        speed: name of its parameter.
-    """
+    """Surface force ``factor * speed^2 * direction`` per area on tagged facets; ``speed`` names its parameter."""
 
     tag: int
     direction: tuple[float, ...]

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings import ContactRows, mean_normal, nodal_rows, tangential_order, warn_of_overlap
 
 
@@ -12,10 +11,7 @@ from hhr_dolfinx.pairings import ContactRows, mean_normal, nodal_rows, tangentia
 class RoundPunch:
     """Contact with a rigid disc or ball ``|x - centre| >= radius``, linearised: ``u·n <= |x - centre| - radius``.
 
-    Attributes:
-        surface: facet tag of the surface of the body.
-        centre: of the punch, outside the body; on the axis in axisymmetry.
-        radius: of the punch.
+    The centre is outside the body, on the axis in axisymmetry; ``surface`` is a facet tag of the body.
     """
 
     surface: int
@@ -28,21 +24,13 @@ class RoundPunch:
         return (self.surface,)
 
     def rows(self, surfaces, dofs: int) -> ContactRows:
-        """One row for each node, with n from its place to the centre.
-
-        Raises:
-            SceneError: if the punch is none, or the surface does not look towards its centre.
-        """
+        """One row for each node, with n from its place to the centre."""
         (surface,) = surfaces
         centre = np.asarray(self.centre, dtype=float)
-        if centre.shape != (surface.points.shape[1],) or not 0 < self.radius < np.inf:
-            raise SceneError(f"the punch needs a centre in the space of the mesh and a positive radius: {self}")
         order = tangential_order(surface.points, mean_normal(surface))
         nodes, points = surface.nodes[order], surface.points[order]
         distance = np.linalg.norm(centre - points, axis=1)
-        normals = (centre - points) / np.where(distance > 0, distance, np.nan)[:, None]
-        if not (np.einsum("md,md->m", surface.node_normals()[order], normals) > 0).all():
-            raise SceneError(f"surface {self.surface} has a node at the centre of {self}, or looks away from it")
+        normals = (centre - points) / distance[:, None]
         matrix = nodal_rows(nodes[:, None], normals, np.ones((nodes.size, 1)), dofs)
         rows = ContactRows(matrix, distance - self.radius, nodes, points, surface.areas[order])
         warn_of_overlap(surface, rows)

@@ -4,11 +4,7 @@ import numpy as np
 
 
 class NearestAnswer:
-    """Answers with a training solution, moved to the lift of the parameter asked for.
-
-    Args:
-        training: of ``hhr.train``.
-    """
+    """Answers with a training solution, moved to the lift of the parameter asked for."""
 
     def __init__(self, training):
         self._full, snapshots = training.full_order, training.snapshots

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.system import System
 
 
@@ -31,3 +32,11 @@ class Foundation(System):
         left += point[self.axis] * (self.pulled[:, acting] @ slopes)
         left[:, self.axis] += self.mass @ unknown + self.pulled @ self.problem.amplitudes(point)
         return left, slack
+
+
+class Parted(Foundation):
+    """The same with parts: reductors read K and M with their weights."""
+
+    def parts(self):
+        names = self.problem.parameters.names
+        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)

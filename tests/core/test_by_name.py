@@ -25,6 +25,7 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.by_name import find, names
+from contact_toys.parts import BOTTOM, LEFT, TOP
 
 def said(kind, name):
     try:
@@ -37,8 +38,8 @@ slab, Ramp, Newtonian = find("geometries", "slab"), find("pairings", "Ramp"), fi
 def solved(slope, law=None):
     scene = hhr.Scene(
         name="by_name", geometry=slab, hypothesis="plane_strain", bodies=(hhr.Body(1, 3.0, 0.0, law=law),),
-        contacts=(Ramp(2, 0.01, slope),),
-        displacements=(hhr.Displacement(4, 0), hhr.Displacement(3, 1, hhr.Amplitude(slopes={"push": -1.0}))),
+        contacts=(Ramp(BOTTOM, 0.01, slope),),
+        displacements=(hhr.Displacement(LEFT, 0), hhr.Displacement(TOP, 1, hhr.Amplitude(slopes={"push": -1.0}))),
         parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
     )
     return hhr.FullOrderModel(scene)

@@ -8,23 +8,20 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from my_output import MyOutput
 from needs import needs, present
 from scipy.sparse import csr_matrix
-from toy_elimination import DenseElimination
 from toy_functional import PressureNorm, SmoothPeak
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
-from toy_output import MeanPressure
 from toy_pairing import RoundPunch
-from toy_reductor import DenseCondensation
-from toy_system import Foundation
-from toy_volume_load import Weight
+from toy_reductor import DenseCondensation, DenseElimination
+from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx import testing as suite
 from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.testing import LOWER_SURFACE, UPPER_SURFACE
@@ -39,22 +36,16 @@ K = {"k": (0.0, 20.0)}
 KNOWN = [DenseElimination]
 
 
-class Parted(Foundation):
-    def parts(self):
-        names = self.problem.parameters.names
-        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
-
-
 PASS = [
     *((suite.check_pairing, part) for part in (
         PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE), hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),
     )),
     *((suite.check_load, part, LOADS) for part in (
-        Weight(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,
+        hhr.BodyForce(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,
         hhr.Pressure(suite.FLANK, "load**2"), hhr.PartialPressure(suite.FLANK, hhr.Amplitude(1.0), "height"),
     )),
     *((suite.check_output, part) for part in (
-        MeanPressure("mean", 0, "MPa"), SmoothPeak("smooth", 0), hhr.LargestPressure("peak", 0),
+        MyOutput("mean", 0, "MPa"), SmoothPeak("smooth", 0), hhr.LargestPressure("peak", 0),
         hhr.ContactForce("force", 0, UP), hhr.GapAt("gap", 0, (1.5, 1.0)), hhr.VonMises("mises", suite.UPPER_BODY),
     )),
     (suite.check_system, Foundation, K),

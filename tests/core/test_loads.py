@@ -11,7 +11,6 @@ from scenes import check_contact_conditions, largest_difference, pressed_block, 
 from scipy.sparse import csc_matrix, csr_matrix
 from test_mpi import launch
 from toy_nonaffine_load import Square, WindLoad
-from toy_volume_load import Weight
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Theta
@@ -31,7 +30,7 @@ def column(load, box, top=0.0, hypothesis="plane_strain"):
 
 def heavy_column():
     """The top goes down by ``drop``: the floor carries weight HEIGHT / 2 + E (drop - GAP) / HEIGHT per area."""
-    weight = Weight(block.SOLID, (0.0, -1.0), slope("weight"))
+    weight = hhr.BodyForce(block.SOLID, (0.0, -1.0), slope("weight"))
     return column(weight, space(weight=(0.0, 0.1), drop=(0.0, 0.1)), slope("drop", -1.0))
 
 
@@ -79,7 +78,7 @@ def test_loads_on_two_ranks():
 
 def test_weight_in_axisymmetry():
     """The forms carry the weight of the hypothesis: a cylinder of radius 1.5 weighs pi 1.5^2 HEIGHT."""
-    weight = Weight(block.SOLID, (0.0, -1.0), slope("weight"))
+    weight = hhr.BodyForce(block.SOLID, (0.0, -1.0), slope("weight"))
     scene = column(weight, space(weight=(0.0, 0.1)), hypothesis="axisymmetric")
     held = dataclasses.replace(scene, displacements=(hhr.Displacement(block.side(0, False), 1),))
     assert hhr.FullOrderModel(held).problem.external.sum() == pytest.approx(-np.pi * WIDTH**2 * HEIGHT, rel=0.05)

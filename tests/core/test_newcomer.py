@@ -4,16 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-import ufl
 from needs import needs
 from scenes import check_contact_conditions, pressed_block
 from toy_law import Bingham
 from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.loads import Assembler
 
 RADIUS, CENTRE = 1.5, {"plane_strain": (0.3, 2.51), "solid": (0.3, 0.3, 2.51)}
 """The lid is at 1, so that the punch hangs 0.01 above it."""
@@ -69,30 +67,6 @@ def test_nodes_in_contact_lie_on_the_punch(pressed):
     assert len(touching) > 4 and 0 < min(touching) and max(touching) < len(normals) / 2
 
 
-@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
-def test_a_huge_punch_is_a_plane(hypothesis):
-    """At a radius of a million heights: an obstacle, and the pressure in closed form at every node.
-
-    From the middle of the contact to its edge, 1.5 at most, the punch falls back by 1.5² / 2R = 6e-7, that is 1.4e-5
-    of the indentation of 0.04. Seen at worst, in axisymmetry: 1.1e-5 in displacements, 1.6e-5 in forces, 2.6e-5 in
-    pressures.
-    """
-    flat, radius, up = pressed_block(hypothesis), 2e6, 2 if hypothesis == "solid" else 1
-    centre = (0.0 if hypothesis == "axisymmetric" else 0.75,) * up + (-0.01 - radius,)
-    punch = RoundPunch(block.side(up, False), centre, radius)
-    plane, round_ = (
-        hhr.FullOrderModel(dataclasses.replace(flat, contacts=(pair,))) for pair in (*flat.contacts, punch)
-    )
-    for push in (0.005, 0.05, 0.1):
-        expected, found = plane.solve(push), round_.solve(push)
-        field, forces = expected.displacement(), expected.forces()
-        assert np.array_equal(found.active, expected.active)
-        assert found.displacement() == pytest.approx(field, abs=2e-5 * np.abs(field).max())
-        assert found.forces() == pytest.approx(forces, abs=2e-5 * forces.max())
-        pressure = max(push - 0.01, 0.0) / 2 * 3.0 / (1 - 0.09 * (hypothesis == "plane_strain"))
-        assert found.forces() / round_.problem.contact_areas == pytest.approx(pressure, rel=5e-5)
-
-
 def error(found, exact):
     return np.linalg.norm(found - exact) / np.linalg.norm(exact)
 
@@ -118,40 +92,11 @@ def test_reduced_model_of_the_punch(pressed, tmp_path):
         assert np.abs(read.forces() - answer.forces()).max() < 1e-11 * max(answer.forces().max(), exact.forces().max())
 
 
-@pytest.mark.parametrize("change, why", [
-    ({"radius": 0.0}, "positive radius"), ({"radius": -1.0}, "positive radius"),
-    ({"radius": np.nan}, "positive radius"), ({"centre": (0.3, 0.3, 2.51)}, "centre in the space of the mesh"),
-    ({"centre": (0.5, 1.0)}, "at the centre"), ({"centre": (0.3, -1.51)}, "looks away"),
-])  # fmt: skip
-def test_impossible_punches(change, why):
-    scene = punched("plane_strain", (4, 2))
-    with pytest.raises(SceneError, match=why):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(dataclasses.replace(scene.contacts[0], **change),)))
-
-
 def test_a_punch_deep_in_the_body_is_named():
     scene = punched("plane_strain", (4, 2))
     deep = dataclasses.replace(scene.contacts[0], radius=2.2)
     with pytest.warns(PairingWarning, match=r"overlap at surface 21 .*\(0\.67.*at \[0\.(5|49)"):
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(deep,)))
-
-
-@needs("inelastic")
-def test_bingham_flows_by_its_rate():
-    """η Δp = dt (σ_eq - σ0) where that is positive, the slope by central differences, and the two laws it contains."""
-    trial, dt, shear = np.linspace(0.0, 5.0, 101) + 0.013, 0.2, 80.0
-    for threshold, viscosity in ((1.0, 0.0), (1.0, 7.0), (2.5, 1e3), (0.0, 30.0)):
-        law, hardened = Bingham(threshold, viscosity), np.full_like(trial, 0.3)
-        step, slope = law.flow(trial, hardened, shear, dt)
-        rest = trial - 3 * shear * step - threshold
-        assert viscosity * step == pytest.approx(dt * np.maximum(rest, 0.0), abs=1e-12)
-        assert np.array_equal(step > 0, trial > threshold)
-        above, below = (law.flow(trial + sign * 1e-4, hardened, shear, dt)[0] for sign in (1, -1))
-        assert slope == pytest.approx((above - below) / 2e-4, abs=1e-9)
-        like = {(1.0, 0.0): hhr.Plasticity(1.0, 0.0), (0.0, 30.0): hhr.Norton(30.0, 1.0)}.get((threshold, viscosity))
-        if like is not None:
-            for ours, theirs in zip((step, slope), like.flow(trial, hardened, shear, dt), strict=True):
-                assert ours == pytest.approx(theirs, rel=1e-12)
 
 
 @needs("inelastic")
@@ -176,100 +121,3 @@ def test_stress_relaxes_to_the_threshold(hypothesis):
         assert -point.stress()[:, up] == pytest.approx(threshold + excess, abs=1e-12)
         assert point.stress()[:, :up] == pytest.approx(0.0, abs=1e-12)
         assert point.forces().sum() == pytest.approx((threshold + excess) * area, abs=1e-12)
-
-
-def beam(law):
-    """A beam clamped on its left, pressed on its lid on to a floor ``gap`` below; it yields at the clamp."""
-    left, floor, lid = block.side(0, False), block.side(1, False), block.side(1, True)
-    return hhr.Scene(
-        name="beam",
-        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(32, 10)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, 200.0, 0.3, law),),
-        contacts=(hhr.Obstacle(floor, (0.0, -1.0), 0.0),),
-        parameters=hhr.ParameterSpace(("push", "gap"), (0.0, 0.004), (0.4, 0.016)),
-        displacements=(hhr.Displacement(left, 0), hhr.Displacement(left, 1)),
-        loads=(hhr.Pressure(lid, hhr.Amplitude(slopes={"push": 1.0})),),
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
-    )
-
-
-TIGHT = hhr.MarchSettings(relative_force=1e-8, floor_stress=1e-7)
-
-
-def held(gap):
-    """The push grows for a second and is held for half of one."""
-    return [(k / 10, np.array([0.35 * min(k / 10, 1.0), gap])) for k in range(16)]
-
-
-@pytest.fixture(scope="module")
-def viscous_beam():
-    """Full model and its training histories."""
-    full = hhr.FullOrderModel(beam(Bingham(1.0, 20.0)))
-    return full, [full.march(held(gap), TIGHT) for gap in (0.005, 0.01, 0.015)]
-
-
-@needs("inelastic")
-def test_without_viscosity_the_beam_is_plastic(viscous_beam):
-    """At a viscosity of 1e-6 it has the history of Plasticity; at 20 it lags behind while the push grows.
-
-    Rates of 0.02 / s then raise a stress of 1 by 2e-8: histories apart by 9e-9 were seen. The lag at the end of the
-    push was 0.54, and 0.90 half a second later.
-    """
-    plastic, nearly = (
-        hhr.FullOrderModel(beam(law)).march(held(0.01), TIGHT).answers
-        for law in (hhr.Plasticity(1.0), Bingham(1.0, 1e-6))
-    )
-    flow, forces = plastic[-1].plastic_strain().max(), plastic[-1].forces().max()
-    for ours, theirs in zip(nearly, plastic, strict=True):
-        assert ours.plastic_strain() == pytest.approx(theirs.plastic_strain(), abs=1e-6 * flow)
-        assert ours.forces() == pytest.approx(theirs.forces(), abs=1e-6 * forces)
-    lag = [ours.plastic_strain().sum() / theirs.plastic_strain().sum()
-           for ours, theirs in zip(viscous_beam[1][1].answers[9::5], plastic[9::5], strict=True)]  # fmt: skip
-    assert lag[0] < 0.7 and lag[1] > 0.8
-
-
-@needs("inelastic")
-@pytest.mark.parametrize("gap", [0.0075, 0.0125])
-def test_reduced_history_of_the_beam(viscous_beam, gap):
-    """Between the trained gaps, with the errors that were measured, at worst, in brackets."""
-    full, training = viscous_beam
-    recipe = hhr.Recipe.flowing(domain=hhr.Rid(2, 8))
-    model = hhr.build(full, hhr.SnapshotSet.of_histories(training), recipe)
-    assert model.offline.tangent_margin > 0.1 and len(model.flow.cells) < 0.6 * len(full.problem.cell_nodes)
-    here, there = (one.march(held(gap), TIGHT).answers for one in (model, full))
-    for ours, exact in zip(here, there, strict=True):
-        assert error(ours.displacement(), exact.displacement()) < 4e-3  # 1.1e-3
-    assert error(ours.multipliers, exact.forces()[model.fields.A_lambda]) < 0.02  # 6e-3
-    assert error(ours.plastic_strain(), exact.plastic_strain()) < 0.09  # 0.029
-    assert error(ours.stress(), exact.stress()) < 0.04  # 0.013
-    # what grows while the push is held
-    creep = [answers[-1].gauss.state.cumulated[points].sum() - answers[9].gauss.state.cumulated[points].sum()
-             for answers, points in ((here, slice(None)), (there, model.flow.points))]  # fmt: skip
-    assert creep[0] == pytest.approx(creep[1], rel=0.1) and creep[1] > 0.2 * exact.plastic_strain().sum()
-
-
-@dataclasses.dataclass(frozen=True)
-class WaterLevel:
-    """A load of a user's own: the pressure of water up to the height 2 on a wall of the plane."""
-
-    tag: int
-    amplitude: hhr.Amplitude
-
-    def terms(self, assembler: Assembler) -> list[hhr.Term]:
-        """One vector."""
-        ds = assembler.ds(self.tag)
-        domain = ds.ufl_domain()
-        form = -(2 - ufl.SpatialCoordinate(domain)[1]) * ufl.dot(ufl.FacetNormal(domain), assembler.test) * ds
-        return [hhr.Term(self.amplitude, assembler.vector(form))]
-
-
-def test_a_load_of_a_users_own():
-    """Water of weight w on the right wall of the block of height 2: a force of -2 w, a third of the height up."""
-    base = pressed_block("plane_strain")
-    water = WaterLevel(block.side(0, True), hhr.Amplitude(slopes={"push": 1.0}))
-    problem = hhr.FullOrderModel(dataclasses.replace(base, loads=(water,))).problem
-    forces = (problem.external.toarray()[:, 2] * problem.free).reshape(-1, 2)
-    held = problem.points[:, 1] > 2 - 1e-9  # the lid is moved: its nodes take 1/12 of the top cell's share
-    assert forces[~held, 0].sum() == pytest.approx(-2.0 + 0.5**2 / 6, rel=1e-12)
-    assert not forces[:, 1].any()

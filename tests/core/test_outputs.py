@@ -8,15 +8,16 @@ import numpy as np
 import pellet_cladding as demo
 import pytest
 import ufl
+from my_output import MyOutput
 from needs import needs, present
-from scenes import pressed_block
+from scenes import pressed_block, stacked
 from scipy.spatial.transform import Rotation
-from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ModelFileError, SceneError
-from hhr_dolfinx.geometries import block, stacked_blocks
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
 from hhr_dolfinx.materials.elasticity import von_mises
 
 PRESSURE, YOUNG = 2.0, 50.0
@@ -68,27 +69,11 @@ def constant():
     return hhr.train(small_pellet(), (8, 6), held_out=5)
 
 
-def pressed_stack(dim, outputs, hypothesis=None, grading=None):
-    """Two blocks of edge 1, one on the other, pressed together: a uniform stress, and all of the surface touches."""
-    up, lower, upper = dim - 1, stacked_blocks.LOWER, stacked_blocks.UPPER
-    side = stacked_blocks.interface
-    # one block of 50, one of 100: under a pressure p they are shortened by p / 50 + p / 100
-    shortened = hhr.Amplitude(slopes={"p": -1.5 / YOUNG})
-    fixed = [hhr.Displacement(stacked_blocks.outer_end(lower, dim), up)]
-    fixed.append(hhr.Displacement(stacked_blocks.outer_end(upper, dim), up, shortened))
-    for axis in range(up):
-        fixed += [hhr.Displacement(stacked_blocks.side(body, axis, False), axis) for body in (lower, upper)]
-    hypothesis = hypothesis or ("plane_stress" if dim == 2 else "solid")
-    return hhr.Scene(
-        name="stack",
-        geometry=lambda comm: stacked_blocks.stacked_blocks(comm, lower=(3,) * dim, upper=(3,) * dim),
-        hypothesis=hypothesis,
-        bodies=(hhr.Body(lower, YOUNG, 0.3), hhr.Body(upper, 2 * YOUNG, 0.3, grading=grading)),
-        contacts=(hhr.NodeToNode(side(lower, dim), side(upper, dim), tuple(np.eye(dim)[up])),),
-        parameters=hhr.ParameterSpace(("p",), (0.5,), (4.0,)),
-        displacements=tuple(fixed),
-        outputs=outputs,
-    )
+def pressed_stack(dim, outputs):
+    """Two blocks whose contact is everywhere under the pressure p; the upper one is twice as stiff."""
+    bodies = hhr.Body(FIRST, YOUNG, 0.3), hhr.Body(SECOND, 2 * YOUNG, 0.3)
+    box, hypothesis = hhr.ParameterSpace(("p",), (0.5,), (4.0,)), "plane_stress" if dim == 2 else "solid"
+    return stacked(dim, hypothesis=hypothesis, bodies=bodies, parameters=box, outputs=outputs)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -97,7 +82,7 @@ def test_uniform_pressure_in_closed_form(dim):
     axis, place = ({}, (1.0,)) if dim == 2 else ({"axis": (0.0, 1.0, 0.0)}, (1.0, 1.0))
     outputs = (
         hhr.LargestPressure("peak", 0),
-        MeanPressure("average", 0),
+        MyOutput("average", 0),
         hhr.ContactForce("force", 0, tuple(3 * upwards)),
         hhr.ContactMoment("moment", 0, (0.0,) * dim, **axis),
         hhr.ContactMoment("centred", 0, tuple(middle), **axis),
@@ -105,9 +90,9 @@ def test_uniform_pressure_in_closed_form(dim):
         hhr.LostContact("lost", 0),
         hhr.GapAt("gap", 0, (*middle[1:], 1.0)),
         hhr.DisplacementAt("top", (*place, 2.0), dim - 1),
-        hhr.DisplacementAt("between", (*place, 1.0), dim - 1, tag=stacked_blocks.UPPER),
-        hhr.VonMises("mises", stacked_blocks.LOWER),
-        hhr.VonMises("mean", stacked_blocks.UPPER, "mean"),
+        hhr.DisplacementAt("between", (*place, 1.0), dim - 1, tag=SECOND),
+        hhr.VonMises("mises", FIRST),
+        hhr.VonMises("mean", SECOND, "mean"),
         hhr.ElasticEnergy("energy"),
     )
     full = hhr.FullOrderModel(pressed_stack(dim, outputs))
@@ -206,48 +191,19 @@ def test_derivatives_are_those_of_the_model_itself(name, varying, constant):
             assert abs(slope - found.gradient[key][place]) * middle[place] < 1e-6 * abs(value), key
 
 
-def test_a_basis_that_spans_all_answers_gives_the_full_outputs():
-    """All answers of the stack are multiples of one: the reduced model is exact, and so are all its outputs."""
-    outputs = (
-        hhr.LargestPressure("peak", 0),
-        hhr.ContactForce("force", 0, (0.0, 1.0)),
-        hhr.GapAt("gap", 0, (0.5, 1.0)),
-        hhr.VonMises("mises", stacked_blocks.LOWER),
-        hhr.ElasticEnergy("energy"),
-    )
-    training = hhr.train(pressed_stack(2, outputs), (5,), held_out=2)
-    model = training.build(checked=False)
-    for point in (0.7, 3.3):
-        exact = training.full_order.outputs(point, gradient=True)
-        found = model.outputs(point, gradient=True)
-        assert dict(found) == pytest.approx(dict(exact), rel=1e-9, abs=1e-12)
-        for name in found:
-            assert found.gradient[name] == pytest.approx(exact.gradient[name], rel=1e-8, abs=1e-10)
-
-
-def test_exact_condensation_gives_the_full_outputs(constant):
-    """By another way: rows times responses, not fields."""
-    full = constant.full_order
-    exact = hhr.exact_condensation(full, constant.snapshots.known_statuses(), field=False)
-    for point in full.parameters.random(5, seed=3):
-        assert dict(exact.outputs(point)) == pytest.approx(dict(full.outputs(point)), rel=1e-8, abs=1e-12)
-
-
 @needs("tables")
-def test_file_and_table_have_the_outputs(constant, tmp_path):
+def test_a_table_names_outputs_with_their_units(constant, tmp_path):
     model, points = constant.build(), constant.full_order.parameters.random(3, seed=1)
-    hhr.save_model(tmp_path / "model.npz", model)
-    loaded = hhr.load_model(tmp_path / "model.npz")
-    for point in points:
-        assert dict(loaded.outputs(point)) == pytest.approx(dict(model.outputs(point)), rel=1e-12)
-    table = loaded.solve_many(points).outputs()
-    assert table["energy"][1] == pytest.approx(model.outputs(points[1])["energy"], rel=1e-10)
-    answers = hhr.answer_points(loaded, np.vstack([points, [1e9, 1.0]]))
-    assert hhr.write_answers(tmp_path / "answers.csv", loaded.parameters, answers) == 1
+    answers = hhr.answer_points(model, np.vstack([points, [1e9, 1.0]]))
+    assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[0]["peak [MPa]"]) == pytest.approx(model.outputs(points[0])["peak"], rel=1e-10)
     assert rows[3]["energy"] == "" and rows[3]["status"] != "ok"
+
+
+def test_a_file_refuses_outputs_of_other_conditions(constant, tmp_path):
+    model = constant.build()
     broken = model.fields.functionals.items[0]
     broken = dataclasses.replace(broken, conditions=broken.conditions + 1000)
     functionals = dataclasses.replace(model.fields.functionals, items=(broken,))
@@ -320,7 +276,7 @@ def test_nodes_of_the_body_that_is_named_are_told_apart_by_a_place():
     """Halfway between two nodes of one body its name helps nobody, and the place of one of them does."""
     points = hhr.FullOrderModel(pressed_stack(2, ())).problem.points
     x = np.unique(points[points[:, 1] > points[:, 1].max() - 1e-9, 0].round(12))
-    output = hhr.DisplacementAt("a", ((x[0] + x[1]) / 2, 1.0), 1, tag=stacked_blocks.UPPER)
+    output = hhr.DisplacementAt("a", ((x[0] + x[1]) / 2, 1.0), 1, tag=SECOND)
     with pytest.raises(SceneError, match=r"2 nodes, of bodies \[2\], are equally near") as refused:
         hhr.FullOrderModel(pressed_stack(2, (output,)))
     assert str(refused.value).endswith(": move the place to one of them, such as (0.0, 1.0)")

@@ -3,8 +3,9 @@
 import json
 import math
 import string
+from collections import namedtuple
 from dataclasses import dataclass, field, fields, make_dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -32,12 +33,8 @@ class Plasticity:
             raise SceneError(f"{self} is no law")
 
 
-@dataclass(frozen=True)
-class Norton:
-    """Another one."""
-
-    resistance: float | str
-    exponent: float | str
+Norton = make_dataclass("Norton", [("resistance", float | str), ("exponent", float | str)], frozen=True)
+Σ = make_dataclass("Σ", [("σ", np.ndarray)], frozen=True)
 
 
 @dataclass(frozen=True)
@@ -53,6 +50,8 @@ class Everything:
     table: np.ndarray
 
 
+Loose = make_dataclass("Loose", ["field"], frozen=True)
+Thawed = make_dataclass("Thawed", ["number"])
 KINDS = by_name([Plasticity, Norton, Bingham, Coverage, Everything])
 REAL = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(1e-300, 1e300)
@@ -99,13 +98,6 @@ def through_json(data):
 
 
 @dataclass(frozen=True)
-class Σ:
-    """A value whose names are no ASCII."""
-
-    σ: np.ndarray
-
-
-@dataclass(frozen=True)
 class Doubled:
     """A value that writes into its arrays."""
 
@@ -113,12 +105,6 @@ class Doubled:
 
     def __post_init__(self):
         self.table[:] *= 2
-
-
-class Pair(NamedTuple):
-    """A tuple with names."""
-
-    x: float
 
 
 @dataclass(frozen=True)
@@ -132,42 +118,34 @@ class OfUnits:
     several: Annotated[tuple[int, ...], "n", "< 3"] = (5,)
 
 
-@dataclass(frozen=True)
-class Holding:
-    """Whatever it is given."""
-
-    value: Any
-
-
-def in_a_file(value, folder, known):
-    """A value written and read."""
+@pytest.mark.parametrize(
+    "value",
+    [
+        Σ(np.arange(3.0)),
+        OfUnits(1.0, 3, 4),
+        Everything(0.1, 3, True, "μ", (1.0, 2.5), ("a", 4), np.linspace(0, 1, 6).reshape(2, 3)),
+    ],
+)
+def test_a_value_comes_back_from_a_file(value, tmp_path):
     data, tables = as_plain(value)
-    write_arrays(folder / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
-    header, tables = read_arrays(folder / "value.npz", "a value", 1)
-    return restored(header["value"], tables, by_name(known))
-
-
-def test_names_that_are_no_ascii(tmp_path):
-    value = Σ(np.arange(3.0))
-    assert same(in_a_file(value, tmp_path, [Σ]), value)
-
-
-def test_annotations_of_others_are_no_sizes(tmp_path):
-    value = OfUnits(1.0, 3, 4)
-    assert same(in_a_file(value, tmp_path, [OfUnits]), value)
+    write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
+    header, tables = read_arrays(tmp_path / "value.npz", "a value", 1)
+    assert same(restored(header["value"], tables, by_name([type(value)])), value)
 
 
 def test_what_changes_its_own_arrays_is_refused_and_left_alone():
     value = Doubled(np.ones(3))
-    with pytest.raises(FileContentError, match="made of its own fields is another Doubled"):
+    with pytest.raises(FileContentError, match=r"made of its own fields is another Doubled.*__post_init__"):
         as_plain(value)
     assert np.all(value.table == 2)
 
 
-@pytest.mark.parametrize("value", [Pair(1.0), csr_array(np.eye(2)), csr_matrix(np.eye(2, dtype=int))])
+@pytest.mark.parametrize(
+    "value", [namedtuple("Pair", "x")(1.0), csr_array(np.eye(2)), csr_matrix(np.eye(2, dtype=int))]
+)
 def test_what_would_come_back_as_another_type_is_refused(value):
     with pytest.raises(FileContentError, match=r"frozen dataclass|no sparse matrix of floating-point"):
-        as_plain(Holding(value))
+        as_plain(Loose(value))
 
 
 def test_a_name_that_is_taken():
@@ -189,9 +167,9 @@ def test_a_name_that_is_taken():
     ],
 )
 def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
-    data, tables = as_plain(Holding(csr_matrix(np.eye(3))))
+    data, tables = as_plain(Loose(csr_matrix(np.eye(3))))
     with pytest.raises(FileContentError, match="sparse matrix"):
-        restored(data, tables | {f"value.{part}": change}, by_name([Holding]))
+        restored(data, tables | {f"field.{part}": change}, by_name([Loose]))
 
 
 @pytest.mark.parametrize(
@@ -201,10 +179,10 @@ def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
 def test_a_small_file_fills_no_memory(shape, why):
     table = np.zeros(200)
     table[3] = 1.0
-    data, tables = as_plain(Holding(table))
-    data["fields"]["value"]["shape"] = shape
+    data, tables = as_plain(Loose(table))
+    data["fields"]["field"]["shape"] = shape
     with pytest.raises(FileContentError, match=why):
-        restored(data, tables, by_name([Holding]))
+        restored(data, tables, by_name([Loose]))
 
 
 def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
@@ -217,14 +195,6 @@ def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
 def test_a_value_comes_back_to_the_last_bit(value):
     data, tables = as_plain(value)
     assert same(restored(through_json(data), tables, KINDS), value)
-
-
-def test_a_value_comes_back_from_a_file(tmp_path):
-    value = Everything(0.1, 3, True, "μ", (1.0, 2.5), ("a", 4), np.linspace(0, 1, 6).reshape(2, 3))
-    data, tables = as_plain(value)
-    write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": data}, tables)
-    header, tables = read_arrays(tmp_path / "value.npz", "a value", 1)
-    assert same(restored(header["value"], tables, KINDS), value)
 
 
 def test_numbers_of_numpy_become_plain():
@@ -327,34 +297,6 @@ def test_what_a_class_raises_names_the_value():
         restored({"kind": "Bingham", "fields": {"yield_stress": -1, "viscosity": 0.0}}, {}, KINDS)
 
 
-class Bare:
-    """A law that is no dataclass."""
-
-
-@dataclass
-class Thawed:
-    """A dataclass that may change."""
-
-    number: float = 1.0
-
-
-@dataclass(frozen=True)
-class Loose:
-    """A dataclass of anything."""
-
-    field: object
-
-
-@dataclass(frozen=True)
-class Degrees:
-    """A class that changes its field each time it is made."""
-
-    angle: float
-
-    def __post_init__(self):
-        object.__setattr__(self, "angle", self.angle * 2)
-
-
 @dataclass(frozen=True)
 class Speechless:
     """A class that cannot be shown."""
@@ -366,19 +308,14 @@ class Speechless:
 
 
 @pytest.mark.parametrize("value", [
-    Bare(), Thawed(), Plasticity, None, 3.0, lambda: None, *map(Loose, (
-        {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), Bare(), len, ([1.0],), (Bare(),), [1.0],
+    object(), Thawed(1.0), Plasticity, None, 3.0, lambda: None, *map(Loose, (
+        {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), object(), len, ([1.0],), (object(),), [1.0],
         np.array([None]), np.float32([1]), np.array([np.nan]), np.ma.masked_array([1.0]), np.datetime64("2020"),
     )), Speechless({}), Everything(1.0, 2.5, True, "", (), ("", 1), np.zeros(1)),
 ])  # fmt: skip
 def test_what_no_file_holds_is_refused_when_saving(value):
     with pytest.raises(FileContentError, match=r"frozen dataclass|must be a"):
         as_plain(value)
-
-
-def test_a_class_that_changes_its_fields_each_time_is_refused():
-    with pytest.raises(FileContentError, match=r"another Degrees.*__post_init__"):
-        as_plain(Degrees(0.25))
 
 
 @dataclass(frozen=True)
@@ -403,7 +340,7 @@ def test_two_classes_of_one_name_are_refused():
     assert by_name([Norton, Norton]) == {"Norton": Norton}
     with pytest.raises(FileContentError, match="two classes are called Norton"):
         by_name([Norton, make_dataclass("Norton", ["field"], frozen=True)])
-    for kind in (Bare, Thawed, 3, Norton(1.0, 1.0)):
+    for kind in (object, Thawed, 3, Norton(1.0, 1.0)):
         with pytest.raises(FileContentError, match="is no class of values"):
             by_name([kind])
 
@@ -442,20 +379,6 @@ def test_values_within_a_value_come_back():
     data = as_plain(NESTED)[0]
     with pytest.raises(FileContentError, match="pass the class"):
         restored(through_json(data), {}, by_name([Pairs, Norton]))
-
-
-@given(JSON, st.sampled_from([("law",), ("others", 1), ("pairs", 0), ("law", "fields"), ("law", "kind")]))
-def test_damage_within_a_value_is_refused(junk, place):
-    data = through_json(as_plain(NESTED)[0])
-    part = data["fields"]
-    for key in place[:-1]:
-        part = part[key]
-    part[place[-1]] = junk
-    try:
-        found = restored(data, {}, NESTED_KINDS)
-    except FileContentError:
-        return
-    assert isinstance(found.pairs[0][0], str) and place == ("pairs", 0)  # the only place where junk may be a pair
 
 
 def test_what_nests_without_end_is_refused():

@@ -29,18 +29,15 @@ def solved(problem, mu):
     return homogeneous, found.forces
 
 
-def two_blocks(pairing):
-    """Turned blocks on meshes that do not match, pressed and pushed aside."""
-    return hhr.FullOrderModel(patch.scene(pairing, (8, 6), (14, 6), poisson=0.3, angle=1.0, bulge=0.04))
-
-
 @pytest.fixture(scope="module", params=["node_to_node", "node_to_surface", "mortar"])
 def case(request, hertz):
     """A full model, a parameter, and a RID that leaves most of it and some contact out."""
     if request.param == "node_to_node":
         full, mu = hertz, 0.3123
     else:
-        full, mu = two_blocks({"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar}[request.param]), [0.09, 0.03]
+        pairing = {"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar}[request.param]
+        turned = patch.scene(pairing, (8, 6), (14, 6), poisson=0.3, angle=1.0, bulge=0.04)
+        full, mu = hhr.FullOrderModel(turned), [0.09, 0.03]
     slaves = full.problem.contact_slaves
     sets = reduced_domain(full.problem, slaves[len(slaves) // 2 : len(slaves) // 2 + 2], layers=1)
     assert open_conditions(full.problem, sets).size == 0
@@ -86,17 +83,6 @@ def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_ins
     assert homogeneous + problem.lifts @ problem.theta(mu) == pytest.approx(
         answer.displacement()[part.dofs], abs=1e-9 * size
     )
-
-
-def test_other_interface_values_give_another_answer(case):
-    """What an indicator measures: without the interface, or with a wrong one, the inside moves."""
-    full, mu, sets = case
-    answer, part = full.solve(mu), restricted(full.problem, sets)
-    values = answer.unknown[part.dofs]
-    right, _ = solved(part.imposing(values), mu)
-    for wrong in (part.problem, part.imposing(1.01 * values)):
-        moved, _ = solved(wrong, mu)
-        assert np.linalg.norm(moved - right) > 1e-3 * np.linalg.norm(right)
 
 
 def test_parts_of_the_stiffness_are_restricted_one_by_one(case):

@@ -17,7 +17,7 @@ import dataclasses, json, sys, warnings
 sys.path[:0] = {folders!r}
 import numpy as np
 from mpi4py import MPI
-import test_rows, toy_basis, your_scene
+import test_rows, toy_steps, your_scene
 from needs import present
 import hhr_dolfinx as hhr
 warnings.simplefilter("ignore")
@@ -64,7 +64,7 @@ again = hhr.train(scene, hhr.Sobol(12), **how)
 out["read"] = again.read
 out["same"] = float(np.abs(again.snapshots.displacements - training.snapshots.displacements).max())
 # a step of one's own that knows nothing of rows gets all of them
-own = training.build(hhr.Recipe(toy_basis.EveryKth(1), trust=None))
+own = training.build(hhr.Recipe(toy_steps.EveryKth(1), trust=None))
 out["toy"] = [float(np.linalg.norm(own.solve(point, outside="ignore").displacement())) for point in asked]
 out["told"] = [item["why"] for item in own.offline.log.skipped if item["stage"] == "rows of ranks"]
 if present("fallback"):

@@ -50,21 +50,11 @@ def last_bit(name):
 FORCES, SLIP, SIZE, MATRIX = "HHR/solve 0/forces", "HHR/march/step 0/memory/slip", "HHR/file/bytes", "fields.S"
 
 
-def test_equal_dumps_are_the_same(ended):
-    assert ended()[0] == 0
-
-
 @pytest.mark.parametrize(("name", "by"), [(FORCES, "5.6e-17"), (SLIP, "1.5e-16")])
 def test_one_flipped_bit_is_named(ended, name, by):
     """2^-52 of 1, whose array has a 4; and 2^-51 of 3."""
     code, text = ended(last_bit(name))
     assert code == 1 and f"off by {by}  {name}" in text
-
-
-def test_a_sign_of_zero_and_another_type_are_bits_too(ended):
-    assert ended({FORCES: np.array([1.0, 0.0, np.nan, 4.0])})[0] == 1
-    assert ended({SIZE: np.array(100, dtype=np.int32)})[0] == 1
-    assert ended({"HHR/solve 0/status": np.array("CYCLED")})[0] == 1
 
 
 @pytest.mark.parametrize("name", list(ARRAYS))
@@ -73,39 +63,46 @@ def test_a_missing_array_is_named(ended, name):
     assert code == 1 and f"missing  {name}" in text
 
 
-def test_what_is_allowed_is_the_same(ended):
-    off = last_bit(FORCES)
-    assert ended(off, allow="HHR/*/forces | 1e-15 | another order of a sum")[0] == 0
-    assert ended(off, allow="HHR/*/forces | 1e-18 | another order of a sum")[0] == 1
-    assert ended(off, allow="full/* | 1e-15 | another kind")[0] == 1
-    assert ended({FORCES: None}, allow="HHR/*/forces | 1e-15 | another order of a sum")[0] == 1
-    assert ended({FORCES: None}, allow="HHR/*/forces | missing | removed")[0] == 0
+OTHER = "HHR/*/forces | 1e-15 | another order of a sum"
+REMOVED = "HHR/*/forces | missing | removed"
+LOST = {**ERRORS, FORCES: "builtins.ValueError: why"}
+MOVED = {f"HHR/file/arrays/{MATRIX}": None, "HHR/file/arrays/completion.S": np.eye(2)}
 
 
-def test_a_line_that_allows_nothing_is_said(ended):
+@pytest.mark.parametrize(
+    ("changes", "errors", "allow", "code"),
+    [
+        ({}, ERRORS, "", 0),
+        ({FORCES: np.array([1.0, 0.0, np.nan, 4.0])}, ERRORS, "", 1),  # a sign of zero
+        ({SIZE: np.array(100, dtype=np.int32)}, ERRORS, "", 1),
+        ({"HHR/solve 0/status": np.array("CYCLED")}, ERRORS, "", 1),
+        (last_bit(FORCES), ERRORS, OTHER, 0),
+        (last_bit(FORCES), ERRORS, OTHER.replace("15", "18"), 1),
+        (last_bit(FORCES), ERRORS, "full/* | 1e-15 | another kind", 1),
+        ({FORCES: None}, ERRORS, OTHER, 1),
+        ({FORCES: None}, ERRORS, REMOVED, 0),
+        ({FORCES: None}, LOST, REMOVED, 0),
+        ({}, ERRORS, "full/* | 1e-15", 1),  # without a reason
+        ({SIZE: np.array(99)}, ERRORS, "", 0),  # files may shrink
+        ({SIZE: np.array(101)}, ERRORS, "", 1),
+        (MOVED, ERRORS, "", 0),  # and name their arrays otherwise
+        (MOVED | {"HHR/file/arrays/completion.S": 2 * np.eye(2)}, ERRORS, "", 1),
+        ({}, {"HHR/page": "builtins.TypeError: no page"}, "", 1),
+        ({}, {}, "", 0),
+    ],
+)
+def test_what_counts_as_the_same(ended, changes, errors, allow, code):
+    assert ended(changes, errors, allow)[0] == code
+
+
+def test_what_is_said(ended):
+    """Lines that allow nothing, new arrays, and why one is missing."""
     line = "full/* | 1e-15 | another kind"
     assert "1 of 1 lines allow nothing" in ended(allow=line)[1]
     assert "nothing differs that is allowed by: full/*" in ended(allow=line, every=True)[1]
-    assert ended(allow="full/* | 1e-15")[0] == 1
-
-
-def test_files_may_shrink_and_name_their_arrays_otherwise(ended):
-    assert ended({SIZE: np.array(99)})[0] == 0
-    assert ended({SIZE: np.array(101)})[0] == 1
-    moved = {f"HHR/file/arrays/{MATRIX}": None, "HHR/file/arrays/completion.S": np.eye(2)}
-    assert ended(moved)[0] == 0
-    assert ended(moved | {"HHR/file/arrays/completion.S": 2 * np.eye(2)})[0] == 1
-
-
-def test_new_arrays_are_said_and_errors_count(ended):
     code, text = ended({"HHR/solve 0/wear": np.ones(1)})
     assert code == 0 and "new  HHR/solve 0/wear" in text
-    assert ended(errors={"HHR/page": "builtins.TypeError: no page"})[0] == 1
-    assert ended(errors={})[0] == 0
-    assert (
-        ended({FORCES: None}, {**ERRORS, FORCES: "builtins.ValueError: why"}, "HHR/*/forces | missing | gone")[0] == 0
-    )
-    code, text = ended({FORCES: None}, ERRORS | {FORCES: "builtins.ValueError: why"})
+    code, text = ended({FORCES: None}, LOST)
     assert code == 1 and "ValueError: why" in text
 
 

@@ -1,4 +1,6 @@
-"""Where to train: quasi-random points fill the box, and training takes them."""
+"""The box of parameters: quasi-random points fill it, training takes them; differences inside of it, tables."""
+
+import time
 
 import numpy as np
 import pytest
@@ -37,13 +39,6 @@ def test_they_fill_the_box_more_evenly_than_random_ones(kind):
     assert (counts == 8).all()  # in every projection on an axis
 
 
-def test_sobol_points_are_even_in_pairs_too():
-    points = unit(hhr.Sobol(64).points(SPACE))
-    for first, second in ((0, 1), (0, 2), (1, 2)):
-        counts, *_ = np.histogram2d(points[:, first], points[:, second], bins=4, range=((0, 1), (0, 1)))
-        assert (counts == 4).all()
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_corners_come_first_and_beside_the_count(kind):
     points = kind(5, corners=True).points(SPACE)
@@ -65,16 +60,54 @@ def test_counts_and_seeds_that_are_none(kind, given):
         kind(*given)
 
 
-def test_training_takes_them(tmp_path):
+def test_training_takes_them():
     scene = pressed_block("plane_stress")
-    training = hhr.train(scene, hhr.Sobol(8), held_out=4, folder=tmp_path)
-    assert np.array_equal(training.snapshots.points, hhr.Sobol(8).points(scene.parameters))
-    assert np.array_equal(
-        training.snapshots.forces[:, 3], training.full_order.solve(training.snapshots.points[3]).forces()
-    )
-    # what is there is not solved again
-    again = hhr.train(scene, hhr.Sobol(8), held_out=4, folder=tmp_path)
-    assert any("were read from" in item["why"] for item in again.log.skipped)
+    training = hhr.train(scene, hhr.Sobol(8), held_out=4)
+    snapshots = training.snapshots
+    assert np.array_equal(snapshots.points, hhr.Sobol(8).points(scene.parameters))
+    assert np.array_equal(snapshots.forces[:, 3], training.full_order.solve(snapshots.points[3]).forces())
     assert len(hhr.train(scene, hhr.LatinHypercube(3, corners=True), held_out=0).snapshots.points) == 5
     with pytest.raises(StudyError, match="needs at least 2"):
         hhr.train(scene, hhr.Sobol(1))
+
+
+BOX = hhr.ParameterSpace(("a", "b"), (0.0, -2.0), (1.0, 3.0))
+
+
+def curved(point):
+    return np.array([np.exp(2 * point[0]) + point[1], np.sin(point[0]) * point[1]])
+
+
+def slopes(point):
+    return np.array([[2 * np.exp(2 * point[0]), 1.0], [np.cos(point[0]) * point[1], np.sin(point[0])]])
+
+
+@pytest.mark.parametrize("point", [(0.0, -2.0), (1.0, 3.0), (0.5, 0.0), (0.0, 3.0), (5e-4, 2.999)])
+def test_differences_are_of_second_order_up_to_the_ends(point):
+    """The error falls with the square of the step, in the middle, at the ends and nearer to them than a step."""
+    point = np.array(point)
+    inside = []
+
+    def value(moved):
+        inside.append(((moved >= BOX.lower) & (moved <= BOX.upper)).all())
+        return curved(moved)
+
+    coarse, fine = (np.abs(BOX.differences(value, point, part) - slopes(point)).max() for part in (4e-3, 1e-3))
+    assert all(inside)
+    # sixteen for the square; 12 leaves room for the next term, 4 is the first order
+    assert fine <= coarse / 12 and fine <= 2e-5
+
+
+def test_a_table_is_checked_as_a_whole():
+    """A million rows in a moment; the first wrong row is named, and NaN is wrong."""
+    table = BOX.random(1_000_000, 0)
+    start = time.perf_counter()
+    found = BOX.points(table)
+    assert time.perf_counter() - start < 3.0  # row by row it took 13 s
+    assert np.array_equal(found, table) and found is not table
+    ends = np.array([BOX.lower, BOX.upper]) + 1e-13 * np.array([[-1.0, -1.0], [1.0, 1.0]])
+    assert np.array_equal(BOX.points(ends), ends)  # grids that end there, to round-off
+    for value, said in ((1.5, r"row 70: a = 1.5 is outside \[0, 1\]"), (np.nan, "row 70: a = nan is not finite")):
+        table[[70, 900], 0] = value
+        with pytest.raises(ParameterError, match=said):
+            BOX.points(table)

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import press_fit as demo
 import pytest
+from my_output import MyOutput
 from needs import needs, present
-from toy_output import MeanPressure
+from scenes import meshed
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -43,7 +44,7 @@ def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
         hhr.VonMises("below", block.SOLID, "max", ((0.0, 0.0), (2.0, 0.45))),
         hhr.ElasticEnergy("energy"),
         hhr.LinearForm("side", lambda a: a.test[0] * a.ds(block.side(0, upper=True))),
-        MeanPressure("mean pressure", 0),
+        MyOutput("mean pressure", 0),
     )
     x, y = coordinate_names(hypothesis)
     push = hhr.Amplitude(slopes={"push": -1.0})
@@ -73,22 +74,6 @@ def small_fit():
     )
     given = demo.scene(**SMALL_FIT)
     return dataclasses.replace(given, outputs=given.outputs + more)
-
-
-def meshed(scene, point):
-    """The scene on a mesh that has the shape of a point already."""
-
-    def moved(comm):
-        mesh, cells, facets = scene.geometry(comm)
-        dim, before = mesh.geometry.dim, mesh.geometry.x.copy()
-        values = dict(zip(scene.parameters.names, point, strict=True))
-        for shape in scene.shapes:
-            nodes = np.unique(mesh.geometry.dofmap[cells.find(shape.tag)])
-            names = coordinate_names(scene.hypothesis)
-            mesh.geometry.x[nodes, :dim] = shape.moved(before[nodes, :dim], names, values)
-        return mesh, cells, facets
-
-    return dataclasses.replace(scene, geometry=moved, shapes=())
 
 
 def placed(scene, point):
@@ -139,8 +124,7 @@ def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(fulls, blocks, nam
     point = full.parameters.random(1, seed=3)[0]
     scene = placed(blocks[name], point) if name in blocks else full.scene
     expected = hhr.FullOrderModel(meshed(scene, point)).outputs(point)
-    # shapes have a rule of integration of their own: on coarse hexahedra 1e-4 apart in forces, 1e-3 in stress
-    check_close(full.outputs(point), expected, 2e-3 if name == "fit" else 1e-6, 1e-3)
+    check_close(full.outputs(point), expected, 1e-8, 1e-3)
 
 
 @needs("moduli")
@@ -258,7 +242,7 @@ def test_outputs_stay_with_their_nodes(fulls):
 
 
 @dataclasses.dataclass(frozen=True)
-class OfOtherConditions(MeanPressure):
+class OfOtherConditions(MyOutput):
     """Mean pressure of what lies high enough, which is another number of conditions on another shape."""
 
     def prepared(self, probe):

@@ -3,46 +3,32 @@
 import dataclasses
 
 import numpy as np
-import press_fit as fit
 import pytest
 from bare import SCENE_FOLDERS
 from mpi4py import MPI
 from needs import needs
-from scenes import PAIR_BOX, check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
+from scenes import (
+    PAIR_BOX,
+    check_alike,
+    check_contact_conditions,
+    largest_difference,
+    meshed,
+    pressed_block,
+    pressed_pair,
+    slope_errors,
+)
 from test_mpi import launch
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx import compat
 from hhr_dolfinx.errors import NotSolvableError, ParameterError, SceneError
-from hhr_dolfinx.geometries import block, press_fit, two_blocks
+from hhr_dolfinx.geometries import block, two_blocks
 
 BODIES = ("E1", 0.3), (4.0, 0.25)
 SPACE = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
 POINT = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002, "E1": 2.0, "crown": 0.025, "tall": 0.9}
 CROWNED = hhr.Shape(1, ("x", "1 + (y - 1) * tall - crown * y * (x - 1.5)**2"))
 MESHES = {"plane_strain": {"cells": 4}, "plane_stress": {"cells": 4, "simplices": True, "matching": False}}
-
-
-def crowned(points, tag, crown, tall):
-    """The same map as a function."""
-    x, y = points.T
-    return np.column_stack([x, 1 + (y - 1) * tall - crown * y * (x - 1.5) ** 2]) if tag == 1 else points
-
-
-def meshed(hypothesis, mesh, crown, tall):
-    """The plain scene, with its nodes moved by its own geometry, constant stiffness E1 = 2."""
-    cells, matching = mesh["cells"], mesh.get("matching", True)
-    first = (1.0, 0.0), (2.0, 1.0), (cells, cells)
-    second = (1.0, 1.0), (2.0, 2.0), (cells + (0 if matching else 1), cells + (0 if matching else 1))
-
-    def geometry(comm):
-        warp = lambda points, tag: crowned(points, tag, crown, tall)  # noqa: E731
-        simplices = mesh.get("simplices", False)
-        return two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices, warp=warp)
-
-    scene = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **mesh)
-    return hhr.FullOrderModel(scene)
 
 
 BY_RULE = 1e-5
@@ -70,12 +56,15 @@ def pair(request):
 
 
 def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
-    plain = meshed(pair.scene.hypothesis, MESHES[pair.scene.hypothesis], POINT["crown"], POINT["tall"])
+    hypothesis = pair.scene.hypothesis
+    geometry = meshed(pair.scene, [POINT[name] for name in pair.parameters.names]).geometry
+    numbers = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **MESHES[hypothesis])
+    plain = hhr.FullOrderModel(numbers)
     expected = plain.solve([POINT[name] for name in PAIR_BOX])
     assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
     pair.solve([*[POINT[name] for name in PAIR_BOX], 5.0, 0.0, 1.2])
     found = pair.solve(POINT)
-    tolerance = 1e-11 if MESHES[pair.scene.hypothesis].get("simplices") else BY_RULE
+    tolerance = 1e-11 if MESHES[hypothesis].get("simplices") else BY_RULE
     check_like(found, expected, tolerance)
     problem = pair.problem.at(POINT)
     check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
@@ -115,29 +104,12 @@ def training():
 @needs("moduli")
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
-    for point in full.parameters.random(6, seed=5):
-        exact, found = full.solve(point), model.solve(point)
-        assert largest_difference(found.forces(), exact.forces()) < 1e-3
-        assert largest_difference(found.displacement(), exact.displacement()) < 1e-3
-        assert largest_difference(found.stress(), exact.stress()) < 1e-2
+    check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2)
     point = [POINT[name] for name in full.parameters.names]
     assert slope_errors(model, point).max() < 1e-5
     exact, found = (item.solve(point, gradient=True).gradient for item in (full, model))
     box = np.subtract(full.parameters.upper, full.parameters.lower)
     assert largest_difference(found.multipliers * box, exact.multipliers * box) < 1e-3
-
-
-@needs("moduli")
-def test_condensation_converges_with_its_tolerance(training):
-    from hhr_dolfinx.plugins.moduli.condense import Condensation
-    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
-
-    full, errors = training.full_order, []
-    for tolerance in (1e-1, 1e-3, 1e-5):
-        model = hhr.build(full, training.snapshots, Condensation(GridSettings(tolerance, 200)))
-        errors.append(max(largest_difference(model.solve(point).forces(), full.solve(point).forces())
-                          for point in full.parameters.random(3, seed=6)))  # fmt: skip
-    assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-4
 
 
 def test_the_store_tells_shapes_apart(tmp_path, pair):
@@ -178,86 +150,6 @@ def test_a_block_of_any_size_on_an_obstacle():
     assert not model.solve([0.005, 1.0, 1.0]).forces().any()
 
 
-SMALL = {"around": 3, "hub_cells": (2, 4), "shaft_cells": (2, 5)}
-INNER, RADIUS, INTERFERENCE = 1.0, 2.0, 1e-3
-
-
-def rings(cells):
-    """A ring in a ring whose wall is a parameter, in plane strain by their ends."""
-    first = (INNER, 0.0), (RADIUS, 0.2), (cells, 1)
-    second = (RADIUS, 0.0), (RADIUS + 1.0, 0.2), (cells, 1)
-    side = two_blocks.side
-    ends = [side(tag, 1, upper) for tag in (1, 2) for upper in (False, True)]
-    return hhr.Scene(
-        name="rings",
-        geometry=lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
-        hypothesis="axisymmetric",
-        bodies=(hhr.Body(1, 7.0, 0.3), hhr.Body(2, "E2", 0.2)),
-        contacts=(hhr.NodeToNode(side(1, 0, True), side(2, 0, False), (1.0, 0.0)),),
-        parameters=hhr.ParameterSpace(("wall", "E2"), (0.5, 1.0), (1.5, 5.0)),
-        displacements=tuple(hhr.Displacement(tag, 1) for tag in ends),
-        openings=(hhr.Opening(0, hhr.Amplitude(-INTERFERENCE)),),
-        shapes=(hhr.Shape(2, (f"{RADIUS} + (r - {RADIUS}) * wall", "z")),),
-    )
-
-
-def lame(wall, young):
-    """Pressure between two rings in plane strain."""
-
-    def compliance(modulus, poisson, near, far, outer):
-        ratio = (far**2 + near**2) / abs(far**2 - near**2)
-        turned = poisson / (1 - poisson) * (1 if outer else -1)
-        return RADIUS * (1 - poisson**2) / modulus * (ratio + turned)
-
-    inner = compliance(7.0, 0.3, RADIUS, INNER, outer=False)
-    return INTERFERENCE / (inner + compliance(young, 0.2, RADIUS, RADIUS + wall, outer=True))
-
-
-def test_a_ring_of_any_wall_converges_to_lame():
-    """Quadratically in the size of its cells, at walls that no mesh was made for."""
-    errors = []
-    for cells in (4, 8, 16):
-        model, found = hhr.FullOrderModel(rings(cells)), []
-        for wall, young in ((0.5, 1.0), (0.8, 3.0), (1.5, 5.0)):
-            pressure = model.solve([wall, young]).forces().sum() / (2 * np.pi * RADIUS * 0.2)
-            found.append(abs(pressure / lame(wall, young) - 1))
-        errors.append(max(found))
-    assert errors[2] < 1e-3
-    assert 3.5 < errors[0] / errors[1] < 4.5 and 3.5 < errors[1] / errors[2] < 4.5
-
-
-def test_a_hub_in_space_is_the_hub_meshed_there():
-    """The demo on a small mesh; its plain scene has the map in its geometry function."""
-    space = hhr.ParameterSpace(
-        ("interference", "wall", "crown", "E_hub"), (0.01, 8.0, 0.0, 7e4), (0.03, 14.0, 0.02, 3e5)
-    )
-    scene = fit.scene(**SMALL)
-    bare = {"outputs": ()} if hasattr(scene, "outputs") else {}
-    scene = dataclasses.replace(scene, loads=(), parameters=space, **bare)
-    point = np.array([0.02, 12.5, 0.012, 150e3])
-
-    def geometry(comm):
-        made = mesh, cells, _ = scene.geometry(comm)
-        nodes = np.unique(compat.geometry_dofmap(mesh)[cells.find(press_fit.HUB)])
-        x, y, z = mesh.geometry.x[nodes].T
-        rho = np.hypot(x, y)
-        inside = (rho - fit.RADIUS) / fit.WALL
-        new = fit.RADIUS + inside * point[1] + (1 - inside) * point[2] * (z / fit.LENGTH) ** 2
-        mesh.geometry.x[nodes] = np.column_stack([x * new / rho, y * new / rho, z])
-        return made
-
-    plain = dataclasses.replace(
-        scene,
-        geometry=geometry,
-        bodies=(hhr.Body(press_fit.HUB, 150e3, 0.3), scene.bodies[1]),
-        parameters=hhr.ParameterSpace(("interference",), (0.01,), (0.03,)),
-        # that moves nothing, so that both have one rule of integration
-        shapes=(hhr.Shape(press_fit.HUB, ("x", "y", "z")),),
-    )
-    expected = hhr.FullOrderModel(plain).solve(point[:1])
-    check_like(hhr.FullOrderModel(scene).solve(point), expected, 1e-10)
-
-
 def wedge(normal):
     """A block whose lid turns by up to 0.2 rad under one that turns with it; its normals are those of the mesh."""
     tilt = "(y + slope * (x - 1.5) * {})"
@@ -280,16 +172,6 @@ def test_a_contact_surface_that_turns_takes_its_normals_along():
     fixed = hhr.FullOrderModel(wedge((0.0, 1.0))).problem.at([0.03, 0.0, 0.0, 0.0, 0.2])
     turned = model.problem.at([0.03, 0.0, 0.0, 0.0, 0.2])
     assert abs(fixed.contact - turned.contact).max() > 0.1
-
-
-@needs("moduli")
-def test_condensation_follows_a_surface_that_turns():
-    training = hhr.train(wedge(None), hhr.Sobol(24), held_out=8)
-    model, full = training.condense(), training.full_order
-    for point in full.parameters.random(5, seed=4):
-        exact, found = full.solve(point), model.solve(point)
-        assert largest_difference(found.forces(), exact.forces()) < 1e-3
-        assert largest_difference(found.displacement(), exact.displacement()) < 1e-3
 
 
 DOOR = [

@@ -82,9 +82,7 @@ def test_the_command_trains_on_ranks_together(tmp_path):
     assert "errors of its answers: bound, proved" in said
     folder = next((tmp_path / "out").iterdir())
     assert (folder / "scenery.npz").is_file()
-    model = hhr.load_model(folder / "hhr.npz")
-    full_order = hhr.FullOrderModel(pressed_block("plane_strain"), MPI.COMM_SELF)
-    answer = model.solve(model.parameters.middle)
-    exact = full_order.solve(model.parameters.middle)
-    error = np.linalg.norm(answer.forces() - exact.forces())
-    assert error <= answer.estimate().forces_euclid + 1e-9 * np.linalg.norm(exact.forces())
+    model, exact = hhr.load_model(folder / "hhr.npz"), hhr.FullOrderModel(pressed_block("plane_strain"), MPI.COMM_SELF)
+    answer, forces = (one.solve(model.parameters.middle) for one in (model, exact))
+    error = np.linalg.norm(answer.forces() - forces.forces())
+    assert error <= answer.estimate().forces_euclid + 1e-9 * np.linalg.norm(forces.forces())

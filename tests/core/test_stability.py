@@ -78,19 +78,31 @@ def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.offline.stability.euclidean.beta_HR, rel=1e-6)
 
 
-def test_trust_check_refuses_and_warns(hertz_reduction):
-    stability = hertz_reduction.offline.stability
-    check_stability(stability, TrustLimits())
-    with pytest.raises(NotSolvableError, match=r"1\.67"):
-        check_solvable(dataclasses.replace(stability, kappa_B=math.inf))
-    with pytest.raises(UnstableModelError, match="add RID layers"):
-        check_stability(dataclasses.replace(stability, cond_K=1e9), TrustLimits())
-    with pytest.raises(UnstableModelError):
-        check_stability(dataclasses.replace(stability, cond_K=math.nan), TrustLimits())
-    with pytest.warns(StabilityWarning, match="cond"):
-        check_stability(dataclasses.replace(stability, cond_K=3e6), TrustLimits())
-    with pytest.warns(StabilityWarning, match="kappa"):
-        check_stability(dataclasses.replace(stability, kappa_B=50.0), TrustLimits())
+@pytest.mark.parametrize(
+    ("name", "value", "ends", "said"),
+    [
+        ("kappa_B", math.inf, NotSolvableError, r"1\.67"),
+        ("kappa_B_2", math.inf, NotSolvableError, ""),
+        ("cond_K", 1e9, UnstableModelError, "add RID layers"),
+        ("cond_K", math.nan, UnstableModelError, ""),
+        ("beta_HR", 0.0, UnstableModelError, ""),
+        ("beta_HR_2", 0.0, UnstableModelError, ""),
+        ("alpha_prime", 0.0, UnstableModelError, ""),
+        ("cond_K", 3e6, StabilityWarning, "cond"),
+        ("kappa_B", 50.0, StabilityWarning, "kappa"),
+        ("contact_definite", -0.5, StabilityWarning, "may have two answers"),
+    ],
+)
+def test_every_constant_refuses_or_warns(hertz_reduction, name, value, ends, said):
+    good = hertz_reduction.offline.stability
+    change = {name: value}
+    if hasattr(good.euclidean, name):
+        change = {"euclidean": dataclasses.replace(good.euclidean, **change)}
+    check_stability(good, TrustLimits())
+    with (pytest.warns if ends is StabilityWarning else pytest.raises)(ends, match=said):
+        spoiled = dataclasses.replace(good, **change)
+        check_solvable(spoiled)
+        check_stability(spoiled, TrustLimits())
 
 
 def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots):

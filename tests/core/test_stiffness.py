@@ -106,23 +106,6 @@ def test_a_refused_matrix_leaves_the_store_as_it_was(full, matrices):
         np.testing.assert_array_equal(found, expected)
 
 
-def test_components_are_scaled_without_factors(full, matrices):
-    """K^-1, K^-1 B^T and S of other moduli by the factors in the middle of the box."""
-    rng = np.random.default_rng(3)
-    forces, loads = rng.normal(size=full.conditions), rng.normal(size=full.problem.free.size)
-    points = full.parameters.random(THREADS, 1)
-    store = FactorStore(counting(full)[0])
-    for point, matrix in zip(points, matrices[0], strict=True):
-        scales, exact = full.system.bodies.at(point), stiffness(full, matrix, store)
-        found = full.stiffness.scaled(scales)
-        for mine, other in (
-            (found.solve(loads), exact.solve(loads)), (found.schur, exact.schur),
-            (found.columns(full.problem.contact.T), exact.columns(full.problem.contact.T)),
-            (found.response_to_forces(forces), exact.response_to_forces(forces)),
-        ):  # fmt: skip
-            assert np.abs(mine - other).max() <= 1e-12 * np.abs(other).max()
-
-
 @needs("inelastic")
 def test_lazy_columns_are_those_of_s(full, matrices):
     """Of the conditions that were active; forces elsewhere are none."""

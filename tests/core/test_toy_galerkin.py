@@ -1,6 +1,5 @@
 """A user's own reductor gets comparison, refinement, record and file from the driver, which believes no claim."""
 
-import warnings
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -30,7 +29,7 @@ from hhr_dolfinx.reduction.reductor import Record, Reductor, Task, made, outcome
 from hhr_dolfinx.registry import Plugin, Stage, Way
 from hhr_dolfinx.testing import check_reductor
 from hhr_dolfinx.trained import TrainedRange
-from hhr_dolfinx.warn import warn
+from hhr_dolfinx.warn import collected, warn
 
 BODIES = (2.0, 0.3), (5.0, 0.3)
 
@@ -143,12 +142,10 @@ class Scripted(Galerkin):
 
 
 def said(training, script):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collected() as caught:
         model = training.build(Scripted(script=script))
-    return model, [
-        str(item.message) for item in caught if "seen by" in str(item.message) or "model of" in str(item.message)
-    ]
+    texts = [str(item.message) for item in caught]
+    return model, [text for text in texts if "seen by" in text or "model of" in text]
 
 
 def test_warnings_of_the_scene_survive_refused_attempts(training):
@@ -159,10 +156,8 @@ def test_warnings_of_the_scene_survive_refused_attempts(training):
 
 
 def test_warnings_of_the_scene_survive_if_all_is_refused(training):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        with pytest.raises(UnstableModelError, match="two is refused"):
-            training.build(Scripted(script={"one": None, "two": None}))
+    with collected() as caught, pytest.raises(UnstableModelError, match="two is refused"):
+        training.build(Scripted(script={"one": None, "two": None}))
     assert {"the scene, seen by one", "the scene, seen by two"} <= {str(item.message) for item in caught}
 
 

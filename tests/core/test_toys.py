@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from needs import present
 from scenes import pressed_pair
-from toy_elimination import DenseElimination
-from toy_functional import PressureNorm, SmoothPeak
+from toy_functional import SmoothPeak
 from toy_reductor import DenseCondensation
 
 import hhr_dolfinx as hhr
@@ -28,34 +27,14 @@ def model(training):
     return training.build(DenseCondensation())
 
 
-def test_it_answers_as_the_full_order_does(training, model, tmp_path):
-    """Alone, many at once, along a path, with derivatives; from a file and copied; as a rival and behind a fallback."""
-    full = training.full_order
-    points = full.parameters.random(6, 3)
-    hhr.save_model(tmp_path / "own.npz", model)
-    known = [DenseElimination, PressureNorm]
-    for one in (model, hhr.load_model(tmp_path / "own.npz", known), pickle.loads(pickle.dumps(model))):
-        many = one.solve_many(points)
-        for point, beside in zip(points, many, strict=True):
-            exact, found = full.solve(point, gradient=True), one.solve(point, gradient=True)
-            size = np.abs(exact.forces()).max()
-            assert np.abs(found.forces() - exact.forces()).max() <= 1e-9 * size
-            assert np.abs(beside.forces() - exact.forces()).max() <= 1e-9 * size
-            assert found.displacement() == pytest.approx(exact.displacement(), rel=1e-9, abs=1e-12)
-            slopes = exact.gradient.multipliers
-            assert np.abs(found.gradient.multipliers - slopes).max() <= 1e-7 * np.abs(slopes).max(initial=1e-300)
-        assert len(one.march([(float(k), point) for k, point in enumerate(points)]).answers) == len(points) - 1
-
-
-def test_its_output_has_a_value_and_derivatives_everywhere(training, model):
-    """Between the largest pressure and that times a root of the number of conditions; slopes against differences."""
-    point = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
-    found = model.outputs(point, gradient=True)
-    conditions = training.full_order.conditions
-    assert found["peak"] <= found["smooth"] <= found["peak"] * conditions ** (1 / 8.0)
-    differences = model.parameters.differences(
-        lambda moved: np.array([model.outputs(moved)["smooth"]]), point, 1e-5)[0]  # fmt: skip
-    assert found.gradient["smooth"] == pytest.approx(differences, rel=1e-5, abs=1e-6 * np.abs(differences).max())
+def test_it_answers_as_the_full_order_does(training, model):
+    """Many at once, along a path and copied; one by one, with derivatives and from a file it does by check_reductor."""
+    points = training.full_order.parameters.random(6, 3)
+    exact = np.array([training.full_order.solve(point).forces() for point in points])
+    for one in (model, pickle.loads(pickle.dumps(model))):
+        along = one.march([(float(k), point) for k, point in enumerate(points)]).answers
+        for found, known in ((one.solve_many(points).forces(), exact), ([a.forces() for a in along], exact[1:])):
+            assert (np.abs(found - known).max(axis=1) <= 1e-9 * known.max(axis=1)).all()
 
 
 def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):

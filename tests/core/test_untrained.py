@@ -1,12 +1,9 @@
 """Condensation without a training: forces as the full model has them, fields if they are asked for."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 from needs import needs, present
-from scenes import largest_difference, pressed_pair
+from scenes import check_alike, largest_difference, pressed_pair
 from tubes import tube
 
 import hhr_dolfinx as hhr
@@ -49,12 +46,10 @@ def test_forces_and_their_outputs_are_those_of_the_full_model(untrained):
     assert isinstance(model, CondensedModel)
     assert isinstance(model.eliminated, ConstantElimination) == (name == "constant")
     tolerance = 1e-11 if name == "constant" else 1e-4
-    for point in full.parameters.random(20, 0):
-        answer, exact = model.solve(point), full.solve(point)
-        assert largest_difference(answer.forces(), exact.forces()) < tolerance
-        found, expected = answer.outputs(), exact.outputs()
-        assert found["peak"] == pytest.approx(expected["peak"], rel=tolerance)
-        assert found["force"] == pytest.approx(expected["force"], rel=tolerance)
+    points = full.parameters.random(20, 0)
+    check_alike(full, model, points, forces=tolerance)
+    for point in points:
+        assert dict(model.outputs(point)) == pytest.approx(dict(full.outputs(point)), rel=tolerance)
 
 
 def test_it_starts_near_the_end(untrained):
@@ -73,18 +68,6 @@ def test_fields_are_refused_by_name_until_they_are_asked_for(untrained):
     with pytest.raises(HHRError, match=r"condensed for contact forces.*fields=True"):
         answer.displacement()
     assert answer.estimate() is None
-
-
-def test_files_and_copies_answer_alike(untrained, tmp_path):
-    name, full, model = untrained
-    others = [pickle.loads(pickle.dumps(model)), copy.copy(model)]
-    if name != "constant":  # of which a file holds no model
-        hhr.save_model(tmp_path / "model.npz", model)
-        others.append(hhr.load_model(tmp_path / "model.npz"))
-    for point in full.parameters.random(5, 2):
-        for other in others:
-            assert other.solve(point).forces() == pytest.approx(model.solve(point).forces(), rel=1e-12)
-            assert other.outputs(point, gradient=True)["peak"] == pytest.approx(model.outputs(point)["peak"], rel=1e-12)
 
 
 @needs("moduli")

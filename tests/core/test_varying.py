@@ -1,7 +1,6 @@
 """Elasticity that depends on parameters, full order: the plain scene with the same numbers, closed forms, the door."""
 
 import dataclasses
-import json
 import warnings
 
 import numpy as np
@@ -258,61 +257,30 @@ def test_what_else_is_refused_or_warned_of():
         model.solve([0.03, 0.0, 0.0, 0.0, 7.0, 0.2])
 
 
-def test_what_needs_a_constant_stiffness_names_what_does_not(pair):
+def test_what_needs_a_constant_stiffness_is_refused(pair):
     known = KnownStatuses(vector(pair)[None], pair.solve(POINT).active[None])
     with pytest.raises(
         SceneError, match=r"stiffness of scene 'pair_\w+' depends on parameters.*training\.condense\(\)"
     ):
         hhr.exact_condensation(pair, known)
-    plain = hhr.train(pressed_pair("plane_strain", ((2.0, 0.3), (5.0, 0.2)), cells=2), hhr.Sobol(4), held_out=0)
-    # exact where nothing varies
-    point = plain.snapshots.points[0] * 0.9
-    forces = plain.full_order.solve(point).forces()
-    assert largest_difference(plain.condense().solve(point).forces(), forces) < 1e-10
 
 
 PROGRAM = """
-import json, sys
+import sys
 sys.path[:0] = {folders!r}
-import numpy as np
-from test_varying import BODIES, MATERIALS, MESHES, POINT, vector
-from scenes import pressed_pair
+import test_varying as t
 import hhr_dolfinx as hhr
-out = {{}}
-scenes = {{name: pressed_pair(name, BODIES, MATERIALS, **MESHES[name]) for name in ("plane_strain", "solid")}}
-graded = (hhr.Body(1, "E1", "nu1", grading=lambda x: 1 + x[0] * x[1]), (4.0, 0.3))
-scenes["graded"] = pressed_pair("axisymmetric", graded, {{"E1": (1.0, 6.0), "nu1": (0.3, 0.49)}}, cells=3)
-for name, scene in scenes.items():
-    model = hhr.FullOrderModel(scene)
-    answer = model.solve(vector(model), gradient=True)
-    problem = model.problem
-    middles = problem.points[problem.cell_nodes].mean(axis=1)
-    # nodes of two bodies lie at one place: the cells around them tell which is which
-    around = np.zeros_like(problem.points)
-    np.add.at(around, problem.cell_nodes, middles[:, None])
-    nodes = np.lexsort(np.hstack([problem.points, around]).round(9).T)
-    dofs = (problem.block_size * nodes[:, None] + np.arange(problem.block_size)).ravel()
-    cells = np.lexsort(middles.round(9).T)
-    rows = np.lexsort(model.problem.contact_points.round(9).T)
-    found = {{"u": answer.displacement()[dofs], "forces": answer.forces()[rows], "stress": answer.stress()[cells],
-             "du": answer.gradient.unknown[dofs], "dforces": answer.gradient.multipliers[rows]}}
-    out |= {{name + " " + key: value.ravel().tolist() for key, value in found.items()}}
-if model.comm.rank == 0:
-    print(json.dumps(out))
+from scenes import pressed_pair
+for name in ("plane_strain", "solid"):
+    models = [hhr.FullOrderModel(pressed_pair(name, bodies, box, **t.MESHES[name]))
+              for bodies, box in ((t.BODIES, t.MATERIALS), (t.NUMBERS, None))]
+    t.check_like(models[0].solve(t.POINT), models[1].solve([t.POINT[key] for key in t.DRIVEN]), 1e-10)
+    t.test_gradients_are_those_of_differences(models[0])
+t.test_a_grading_of_two_is_twice_the_modulus("nu1")
+print("all is well")
 """
 
 
-def test_two_ranks_answer_as_one():
-    program = PROGRAM.format(folders=SCENE_FOLDERS)
-    serial, parallel = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2))
-    assert serial.keys() == parallel.keys() and len(serial) == 15
-    for name, value in serial.items():
-        assert largest_difference(parallel[name], value) < 1e-10, name
-
-
-def test_answers_do_not_depend_on_who_used_the_factors_in_between():
-    """Those of a point are kept for the next one of its moduli; reducing and checking put others in their place."""
-    full = hhr.FullOrderModel(pressed_pair("plane_strain", BODIES, MATERIALS, cells=3))
-    before = full.solve(POINT)
-    full.store.first.refactor(full.problem.at({**POINT, "E1": 5.0, "c": 0.1}).own_stiffness)
-    check_like(full.solve(POINT), before)
+def test_on_two_ranks():
+    """Beside plain scenes and differences, which test_mpi holds to those of one rank."""
+    assert launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)]).count("all is well") == 2

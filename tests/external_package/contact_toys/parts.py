@@ -5,30 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from dolfinx import mesh as dmesh
 
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.pairings import ContactRows, nodal_rows, tangential_order
 
-BODY, BOTTOM, TOP, LEFT = 1, 2, 3, 4
 WIDTH, HEIGHT = 3.0, 1.0
+BOTTOM, TOP, LEFT = block.side(1, False), block.side(1, True), block.side(0, False)
 
 
 def slab(comm, cells=(6, 4)):
     """A slab of WIDTH x HEIGHT with its lower left corner in the origin."""
-    mesh = dmesh.create_rectangle(
-        comm, [np.zeros(2), np.array([WIDTH, HEIGHT])], list(cells), cell_type=dmesh.CellType.quadrilateral
-    )
-    count = mesh.topology.index_map(2).size_local + mesh.topology.index_map(2).num_ghosts
-    bodies = dmesh.meshtags(mesh, 2, np.arange(count, dtype=np.int32), np.full(count, BODY, dtype=np.int32))
-    sides = {BOTTOM: (1, 0.0), TOP: (1, HEIGHT), LEFT: (0, 0.0)}
-    found = {
-        tag: dmesh.locate_entities_boundary(mesh, 1, lambda x, axis=axis, at=at: np.isclose(x[axis], at))
-        for tag, (axis, at) in sides.items()
-    }
-    facets = np.concatenate(list(found.values())).astype(np.int32)
-    tags = np.concatenate([np.full(len(part), tag, dtype=np.int32) for tag, part in found.items()])
-    order = np.argsort(facets)
-    return mesh, bodies, dmesh.meshtags(mesh, 1, facets[order], tags[order])
+    return block.block(comm, lower=(0.0, 0.0), upper=(WIDTH, HEIGHT), cells=cells)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hhr_dolfinx as hhr
-from contact_toys.parts import BODY, BOTTOM, LEFT, TOP, Newtonian, Ramp, slab
+from contact_toys.parts import BOTTOM, LEFT, TOP, Newtonian, Ramp, slab
+from hhr_dolfinx.geometries.block import SOLID
 
 
 def slab_on_ramp(law=None):
@@ -12,7 +13,7 @@ def slab_on_ramp(law=None):
         name="slab_on_ramp",
         geometry=slab,
         hypothesis="plane_strain",
-        bodies=(hhr.Body(BODY, 3.0, 0.0 if law is None else 0.3, law=law),),
+        bodies=(hhr.Body(SOLID, 3.0, 0.0 if law is None else 0.3, law=law),),
         contacts=(Ramp(BOTTOM, 0.01),),
         displacements=(
             hhr.Displacement(LEFT, 0),

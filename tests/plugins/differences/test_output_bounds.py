@@ -8,11 +8,11 @@ from kept_values import array, put, rewrite_model
 from needs import needs
 from scenes import pressed_pair
 from test_outputs import small_pellet
+from toy_functional import SmoothPeak
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.plugins.differences import outputs as output_difference
 
 POOR = hhr.Recipe(cone=True).as_it_is()
@@ -22,9 +22,10 @@ NEAR = 1e-9
 
 
 def with_outputs(scene, lower, upper, dim):
-    """A scene of two bodies, tagged ``lower`` and ``upper``, with outputs of every kind."""
+    """A scene of two bodies, tagged ``lower`` and ``upper``, with outputs of every kind, and one of a user's own."""
     outputs = (
         hhr.LargestPressure("peak", 0),
+        SmoothPeak("smooth", 0),
         hhr.ContactForce("force", 0, tuple(np.eye(dim)[dim - 1])),
         hhr.ContactWidth("area", 0),
         hhr.VonMises("largest", lower),
@@ -96,7 +97,7 @@ def test_outputs_of_pairs_of_blocks(hypothesis):
     full = hhr.FullOrderModel(scene)
     model = hhr.build(full, hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters)), POOR)
     medians = check(full, model, full.parameters.random(40, 3))
-    assert min(medians[name] for name in ("force", "energy", "moved", "peak")) > 1e-6
+    assert min(medians[name] for name in ("force", "energy", "moved", "peak", "smooth")) > 1e-6
 
 
 def test_the_full_model_has_exact_outputs(pellet):
@@ -114,29 +115,3 @@ def test_arrays_that_cannot_be(change, poor, tmp_path):
     rewrite_model(tmp_path / "model.npz", change)
     with pytest.raises(ModelFileError, match="output"):
         hhr.load_model(tmp_path / "model.npz")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Squared(Functional):
-    """A functional of a user's own."""
-
-    def value(self, state):
-        return float(state.measured @ state.measured)
-
-
-@dataclasses.dataclass(frozen=True)
-class SquareAt:
-    name: str
-    unit: str = ""
-
-    def prepared(self, probe):
-        one = np.ones(1, dtype=np.int64)
-        return Squared(self.name, self.unit, 1, 0 * one, 7 * one, np.ones(1))
-
-
-def test_outputs_of_a_users_own():
-    scene = pressed_pair("plane_strain", ((2.0, 0.3), (1.0, 0.2)), cells=3)
-    full = hhr.FullOrderModel(dataclasses.replace(scene, outputs=(SquareAt("square"), hhr.LargestPressure("peak", 0))))
-    model = hhr.build(full, hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters)), POOR)
-    medians = check(full, model, full.parameters.random(20, 1))
-    assert medians["square"] > 1e-6

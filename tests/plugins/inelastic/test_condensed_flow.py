@@ -268,7 +268,10 @@ def test_outputs_and_derivatives_where_displacements_are_imposed():
     [({"modes": 0.0}, "modes = 0.0 must be a fraction"), ({"modes": 1.0}, "modes = 1.0"), ({"modes": -1}, "modes = -1"),
      ({"cubature": 2.0}, "cubature = 2.0"), ({"stability": "much"}, "stability = 'much'"),
      ({"most_modes": 0}, "most_modes = 0 must be a whole number from 1, or None"), ({"most_points": 2.5}, "2.5"),
-     ({"attempts": 0}, "attempts = 0 must be a whole number from 1$"), ({"attempts": None}, "attempts = None")],
+     ({"attempts": 0}, "attempts = 0 must be a whole number from 1$"), ({"attempts": None}, "attempts = None"),
+     ({"primal": -1, "dual": -1}, "primal = -1 must be a positive number"), ({"stress": -1}, "stress = -1 must be"),
+     ({"stress": np.nan}, "stress = nan must be"), ({"plastic": "much"}, "plastic = 'much' must be"),
+     ({"dual": 0}, "dual = 0 must be"), ({"trust": 0.1}, "trust = 0.1 must be TrustLimits")],
 )  # fmt: skip
 def test_settings_that_leave_nothing_are_refused(given, message):
     with pytest.raises(ReductionError, match=message):

@@ -10,8 +10,7 @@ from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from needs import needs
 from parted import AS_IT_IS, OUTPUTS, one_cut
-from referenced import references_at
-from scenes import pressed_pair
+from scenes import pressed_pair, references_at
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
