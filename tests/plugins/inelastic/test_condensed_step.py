@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import condensing
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
@@ -28,16 +27,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
     pytest.mark.filterwarnings("ignore:no training solution has contact"),
 ]
-
-
-@pytest.fixture(scope="module")
-def tubes():
-    return condensing.tubes()
-
-
-@pytest.fixture(scope="module")
-def pellet():
-    return condensing.pellet()
 
 
 def contact_arrays(schur):

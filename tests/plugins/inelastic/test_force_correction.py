@@ -5,11 +5,10 @@ import pickle
 import condensing
 import numpy as np
 import pytest
+import varied
 from condensing import QUIET
 from scipy.stats import spearmanr
-from test_door import cantilever, legs  # noqa: F401
-from test_flow_heat import hot_pellet
-from test_flow_heat import path as hot_path
+from test_door import legs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
@@ -26,7 +25,7 @@ def up_and_down(a, b, steps):
 
 
 @pytest.fixture(scope="module")
-def known(cantilever):  # noqa: F811
+def known(cantilever):
     """The correction, training histories, and others."""
     training = [cantilever.march(up_and_down(1.6, b, 10)) for b in (-0.15, 0.15)]
     return force_correction(cantilever), training, [cantilever.march(up_and_down(*load, 8)) for load in LOADS]
@@ -34,9 +33,8 @@ def known(cantilever):  # noqa: F811
 
 def test_the_full_order_needs_no_correction(known):
     """Its forces are those of its own plastic strain; moduli that vary, heat and strains without stress besides."""
-    hot = hhr.FullOrderModel(hot_pellet())
-    histories = {"plastic": (known[0], known[2][0]), "hot": (force_correction(hot), hot.march(hot_path(7.0, 210e3)))}
-    for correction, history in histories.values():
+    hot = varied.full()
+    for correction, history in ((known[0], known[2][0]), (force_correction(hot), hot.march(varied.path(7.0, 210e3)))):
         largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
         found = correction.of(history)
         assert largest > 0 and len(found) == len(history.answers)
@@ -44,7 +42,7 @@ def test_the_full_order_needs_no_correction(known):
 
 
 @pytest.mark.parametrize("method", ["condensed flow", "HHR"])
-def test_it_ranks_errors_of_forces_and_lessens_them(cantilever, known, method):  # noqa: F811
+def test_it_ranks_errors_of_forces_and_lessens_them(cantilever, known, method):
     """Where the misfit of the stress says little: rank correlations of 0.2 and 0.8 with the same errors."""
     correction, training, histories = known
     if method == "HHR":

@@ -37,12 +37,12 @@ def test_lists_are_as_good_as_arrays():
 
 @dataclass(frozen=True)
 class Answers:
-    """A law that always answers the same."""
+    """A law that answers the same whatever the stress, or by a function of it."""
 
     answer: object
 
     def flow(self, trial, plastic_strain, shear, dt):
-        return self.answer
+        return self.answer(trial) if callable(self.answer) else self.answer
 
 
 @pytest.mark.parametrize("answer", [None, 3.0, ("a", "b"), ([[1.0], [1.0, 2.0]], 1.0), (1.0, 2.0, 3.0)])
@@ -51,16 +51,32 @@ def test_what_is_no_answer_names_the_law(answer):
         update(Answers(answer), *some_states(1))
 
 
+def fails(trial):
+    """In the second of two steps."""
+    if trial.max() > 1.5:
+        raise KeyError("table")
+    return 0.0 * trial, 0.0 * trial
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind", "said", "kept"),
+    [
+        (None, SceneError, "the law Answers", 0),
+        (fails, SceneError, "the law .*Answers.* failed with KeyError", 1),
+        (lambda trial: (np.nan * trial, 0 * trial), ConvergenceError, "Answers.*flows by nan under an equivalent", 0),
+    ],
+)
+def test_a_march_ends_with_the_name_of_the_law(answer, kind, said, kept):
+    full = hhr.FullOrderModel(bar(Answers(answer)))
+    with pytest.raises(kind, match=said) as caught:
+        full.march([(float(k), np.array([0.005 * k])) for k in range(3)])
+    assert len(caught.value.history.answers) == kept
+
+
 @pytest.mark.parametrize("law", [lambda: Plasticity([80]), lambda: Plasticity(80.0, None), lambda: Norton(20.0, None)])
 def test_constants_of_laws_are_numbers(law):
     with pytest.raises(SceneError, match="must be positive"):
         law()
-
-
-def test_a_march_ends_with_the_name_of_the_law():
-    full = hhr.FullOrderModel(bar(Answers(None)))
-    with pytest.raises(SceneError, match="the law Answers"):
-        full.march([(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
 
 
 def test_norton_says_where_it_finds_no_flow():

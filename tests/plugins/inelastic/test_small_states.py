@@ -3,7 +3,7 @@
 import condensing
 import numpy as np
 import pytest
-from test_door import cantilever, legs  # noqa: F401
+from test_door import legs
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
@@ -25,7 +25,7 @@ def test_modes_hold_small_states_and_no_round_off(chunk, monkeypatch):
     assert state_modes([np.zeros(5)], 1e-6).shape == (5, 1)
 
 
-def test_what_stays_behind_trained_part_loads(cantilever):  # noqa: F811
+def test_what_stays_behind_trained_part_loads(cantilever):
     """Trained at full load, and at 30 and 50 % of it: by their sizes, 90 and 20 % of that stress were wrong."""
     loads = [(1.6, -0.15), (1.6, 0.15), (0.5, -0.03), (0.5, 0.03), (0.8, -0.05), (0.8, 0.05)]
     known = [cantilever.march(legs((0, 0), load, (0, 0), steps=10)) for load in loads]
