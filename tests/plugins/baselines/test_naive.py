@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from needs import needs
 from scenes import largest_difference, pressed_block, pressed_pair
-from threads import at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.rows import joined
@@ -50,14 +49,6 @@ def test_shapes_that_depend_on_parameters():
     space = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
     scene = pressed_pair("plane_strain", (("E1", 0.3), (4.0, 0.25)), space, shapes=(CROWNED,), cells=4)
     check_like(hhr.FullOrderModel(scene), [0.03, 0.01, 0.05, 0.002, 2.0, 0.025, 0.9], 1e-11)
-
-
-def test_threads_share_it(hertz):
-    model = NaiveFullOrder(hertz)
-    points = [[0.2], [0.31], [0.44]]
-    expected = [model.solve(point).forces().tobytes() for point in points]
-    jobs = [lambda k=k: [model.solve(point).forces().tobytes() for point in points[k:] + points[:k]] for k in range(3)]
-    assert at_once(jobs) == [expected[k:] + expected[:k] for k in range(3)]
 
 
 class Twice:

@@ -40,7 +40,6 @@ def nothing_is_solved(monkeypatch):
 
 
 def texts(found: SceneCheck, *levels: str) -> list[str]:
-    """Sentences of some levels."""
     return [finding.text for finding in found.findings if finding.level in levels]
 
 
@@ -91,13 +90,11 @@ def test_scenes_of_the_demos_are_fine(name, tmp_path):
 
 
 def test_the_deck_with_a_set_of_all_nodes_is_fine():
-    """It holds the facets of all surfaces, and is no surface that was forgotten."""
     assert texts(check_scene(your_scene.from_abaqus()), NOTE, MISTAKE) == []
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_gaps_are_those_of_the_scene(hypothesis):
-    """An obstacle at a distance from a block."""
     found = check_scene(pressed_block(hypothesis, gap=0.01))
     assert texts(found, NOTE, MISTAKE) == []
     (said,) = [text for text in texts(found, OK) if text.startswith("contact 0")]
@@ -164,7 +161,6 @@ def test_quality_of_known_cells(name, scale):
 
 
 def test_a_body_of_slivers_is_told_of():
-    """With the place of the worst."""
     scene = pressed_block("plane_strain", simplices=True)
 
     def flat(comm):
@@ -196,7 +192,6 @@ def test_resultants_of_a_block(name):
 
 
 def test_a_load_that_reaches_nothing_is_a_mistake():
-    """A body that is hot where it is not."""
     load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0))
     (mistake,) = texts(check_scene(replace(pressed_block("plane_strain"), loads=(load,))), MISTAKE)
     assert "ThermalExpansion on 1 reaches nothing" in mistake
@@ -211,19 +206,16 @@ def test_bodies_held_by_contact_are_named_with_their_motions():
 
 
 def test_a_body_that_nothing_holds_is_a_mistake():
-    """Its contact is with the floor of another body."""
     found = check_scene(stacked(contacts=(hhr.Obstacle(stacked_blocks.interface(LOWER, 2), (0.0, 1.0), 10.0),)))
     assert any(re.search(r"body 2 .* can move freely", text) for text in texts(found, MISTAKE))
 
 
 def test_bodies_that_touch_without_a_contact_are_told_of():
-    """By the number of their nodes that lie at one place."""
     found = check_scene(stacked(contacts=(hhr.Obstacle(stacked_blocks.interface(LOWER, 2), (0.0, 1.0), 10.0),)))
     assert any(re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text) for text in texts(found, NOTE))
 
 
 def test_idle_parameters_and_names():
-    """Each by its name."""
     scene = your_scene.scene()
     wider = hhr.ParameterSpace(("travel", "lowered", "heat"), (0.05, 0.0, 0.0), (1.0, 0.3, 1.0))
     kept = tuple(item for item in scene.displacements if item.tag != "stop_flat")
@@ -263,7 +255,6 @@ def test_depths_of_nodes_inside_another_body(depth):
 
 
 def test_where_there_is_no_mesh_nothing_is_drawn():
-    """One mistake, and no more."""
     found = check_scene(replace(your_scene.scene(), geometry=hhr.MeshFile("nowhere.msh")))
     assert len(found.mistakes) == len(found.findings) == 1
     assert not found.drawable

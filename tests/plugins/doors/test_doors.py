@@ -96,7 +96,6 @@ def serving(path, *words):
 
 @pytest.fixture
 def client(model, tmp_path):
-    """UM-Bridge's own client of a model."""
     umbridge = pytest.importorskip("umbridge")
     hhr.save_model(tmp_path / "model.npz", model)
     with serving(tmp_path / "model.npz", "--name", "contact") as url:

@@ -56,7 +56,6 @@ def built(folder, model, program):
 
 
 def at(*arrays):
-    """Their places in memory."""
     return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
 
 

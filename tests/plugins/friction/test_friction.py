@@ -221,7 +221,7 @@ def worst(one, other, name="multipliers"):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_condensed_answers_as_the_full_order_does(dimension, tmp_path):
+def test_condensed_answers_as_the_full_order_does(dimension):
     full = hhr.FullOrderModel(rubbing(cells=8 if dimension == 2 else 3, dimension=dimension), MPI.COMM_SELF)
     model = hhr.condense(full)
     history, expected = model.march(PATH), full.march(PATH)
@@ -229,10 +229,7 @@ def test_condensed_answers_as_the_full_order_does(dimension, tmp_path):
     for one, other in zip(history.answers, expected.answers, strict=True):
         np.testing.assert_allclose(one.displacement(), other.displacement(), atol=1e-13)
         np.testing.assert_allclose(one.slip.path, other.slip.path, atol=1e-13)
-    hhr.save_model(tmp_path / "model.npz", model)
-    read = hhr.load_model(tmp_path / "model.npz")
-    assert worst(read.march(PATH), history) < 1e-13
-    assert read.solve((0.03, 0.05)).multipliers == pytest.approx(full.solve((0.03, 0.05)).multipliers, abs=1e-10)
+    assert model.solve((0.03, 0.05)).multipliers == pytest.approx(full.solve((0.03, 0.05)).multipliers, abs=1e-10)
 
 
 OUTPUTS = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import warnings
 
+import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -15,6 +16,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.study.training.train import Training
+from hhr_dolfinx.timing import StageLog
 
 OUTPUTS = (
     hhr.ContactForce("normal", 0, (0.0, 1.0)), hhr.ContactForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0),
@@ -142,10 +145,8 @@ def test_derivatives_along_a_path_are_those_of_differences(model):
     for axis in (1, 2):  # pushed from the end of the box, where no difference can be taken
         shift = step * (np.arange(3) == axis)
         plain = dataclasses.replace(settings, gradient=False)
-        moved = [
-            model.march([(time, point + sign * shift) for time, point in path], plain).answers[-1]
-            for sign in (-1.0, 1.0)
-        ]
+        ends = [[(time, point + sign * shift) for time, point in path] for sign in (-1.0, 1.0)]
+        moved = [model.march(end, plain).answers[-1] for end in ends]
         for name in ("normal", "shear"):
             difference = (moved[1].outputs()[name] - moved[0].outputs()[name]) / (2 * step[axis])
             assert slopes[name][axis] == pytest.approx(difference, rel=1e-3, abs=1e-5 * np.abs(slopes[name]).max())
@@ -155,17 +156,9 @@ def test_derivatives_along_a_path_are_those_of_differences(model):
 
 
 @needs("tables")
-def test_a_file_keeps_it(model, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", model)
-    read = hhr.load_model(tmp_path / "model.npz")
-    path = paths(1, 13, model.parameters)[0]
-    for one, other in zip(model.march(path).answers, read.march(path).answers, strict=True):
-        np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-12 * one.forces().max())
-        np.testing.assert_array_equal(other.slip.statuses, one.slip.statuses)
-        assert other.estimate().forces_euclid_relative == pytest.approx(one.estimate().forces_euclid_relative, rel=1e-6)
-    point = path[-1][1]
-    answers = hhr.answer_points(model, point[None])
-    answer = model.solve(point)
+def test_a_table_has_its_answers(model):
+    point = paths(1, 13, model.parameters)[0][-1][1]
+    answers, answer = hhr.answer_points(model, point[None]), model.solve(point)
     assert answers.total_force[0] == pytest.approx(-answer.outputs()["normal"], rel=1e-12)
     np.testing.assert_array_equal(answers.forces[0], answer.forces())
 
@@ -197,8 +190,6 @@ def test_moduli_are_eliminated_once_along_a_path():
 
 def test_too_few_modes_for_what_sticks_are_refused():
     """A body that contact alone holds: modes without its motions must tell the forces of all rows apart."""
-    import contract
-
     full = contract.rubbing("floating")
     history = full.march([(0.0, [0.01]), (1.0, [0.05])])
     recipe = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
@@ -208,11 +199,6 @@ def test_too_few_modes_for_what_sticks_are_refused():
 
 def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
     """Where its first one leaves forces that stick undetermined; the model then answers as the full order."""
-    import contract
-
-    from hhr_dolfinx.study.training.train import Training
-    from hhr_dolfinx.timing import StageLog
-
     full = contract.rubbing("floating")
     path = [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)

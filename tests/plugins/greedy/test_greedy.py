@@ -40,19 +40,16 @@ def pellet():
 
 
 def changed(**others):
-    """The quick greedy with other settings."""
     given = {name: getattr(QUICK, name) for name in QUICK.__dataclass_fields__}
     return hhr.Greedy(**(given | others))
 
 
 def trained(scene, greedy, **others):
-    """A training without answers held out."""
     return train(scene, greedy, held_out=0, comm=MPI.COMM_SELF, **others)
 
 
 @pytest.fixture(scope="module")
 def case():
-    """A greedy training of the pellet."""
     return trained(pellet(), QUICK)
 
 
@@ -279,8 +276,6 @@ def test_a_choice_of_another_box_is_another_one(tmp_path):
 
 
 class Fixed:
-    """A user's own sampling: points of an array."""
-
     def __init__(self, points):
         self.table = points
 
@@ -290,8 +285,6 @@ class Fixed:
 
 @dataclasses.dataclass(frozen=True)
 class Shifted:
-    """Another one, that holds a function."""
-
     move: object
 
     def points(self, space):
@@ -449,35 +442,28 @@ class Choosing:
         return space.random(self.count, self.twice)
 
 
-@pytest.mark.parametrize("value", [limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)]])
-def test_a_digest_knows_what_functions_read(value, monkeypatch):
-    """Globals of a module are part of a choice, and those that its functions read."""
-    before = digest_of_values(value, "it")
+HERE = sys.modules[__name__]
+
+
+@pytest.mark.parametrize(
+    ("value", "holder", "name", "other"),
+    [
+        *((value, HERE, "LIMIT", 2)
+          for value in (limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)])),
+        (limited, HERE, "STEP", {"of": [0.25]}),
+        (Choosing(), Choosing, "count", 5),
+        (Choosing(), Choosing, "points", lambda self, space: space.random(3, 0)),
+    ],
+)  # fmt: skip
+def test_a_digest_knows_what_functions_read(value, holder, name, other, monkeypatch):
+    """Globals of a module, of functions that are called too, attributes and methods; and nothing that is not read."""
+    before, unread = (digest_of_values(item, "it") for item in (value, stepped))
     assert digest_of_values(value, "it") == before
-    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
-    assert digest_of_values(value, "it") != before
-
-
-def test_a_digest_knows_globals_of_functions_that_are_called(monkeypatch):
-    before = digest_of_values(limited, "it")
-    monkeypatch.setitem(STEP, "of", [0.25])
-    assert digest_of_values(limited, "it") != before
-
-
-def test_a_digest_knows_attributes_and_methods_of_classes(monkeypatch):
-    before = digest_of_values(Choosing(), "it")
     with monkeypatch.context() as changed:
-        changed.setattr(Choosing, "count", 5)
-        assert digest_of_values(Choosing(), "it") != before
-    assert digest_of_values(Choosing(), "it") == before
-    monkeypatch.setattr(Choosing, "points", lambda self, space: space.random(3, 0))
-    assert digest_of_values(Choosing(), "it") != before
-
-
-def test_a_digest_does_not_know_what_is_not_read(monkeypatch):
-    before = digest_of_values(stepped, "it")
-    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
-    assert digest_of_values(stepped, "it") == before
+        changed.setattr(holder, name, other)
+        assert digest_of_values(value, "it") != before
+        assert (digest_of_values(stepped, "it") == unread) == (name != "STEP")
+    assert digest_of_values(value, "it") == before
 
 
 def test_a_global_that_has_no_values_is_refused(tmp_path):

@@ -6,8 +6,6 @@ import pytest
 from condensing import QUIET
 from test_door import legs
 
-import hhr_dolfinx as hhr
-
 pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning")
 
 
@@ -74,13 +72,3 @@ def test_errors_of_stress_are_said_in_their_size(trained):
     seen = errors > 1e-3
     # medians of other scenes were .3 to 4
     assert seen.sum() > 50 and 0.5 < np.median(said[seen] / errors[seen]) < 5
-
-
-def test_files_copies_and_pickles_hand_out_the_same(trained, tmp_path):
-    _, model, _ = trained
-    hhr.save_model(tmp_path / "model.npz", model)
-    path = legs((0, 0), (1.2, 0.1), (0, 0), steps=6)
-    found, stored = (item.march(path, QUIET).answers for item in (model, hhr.load_model(tmp_path / "model.npz")))
-    for one, other in zip(found, stored, strict=True):
-        assert one.stress().tobytes() == other.stress().tobytes()
-        assert one.estimate() == other.estimate()

@@ -20,7 +20,6 @@ LOADS = [(1.6, 0.05), (1.2, -0.1), (0.8, 0.1), (1.5, 0.14), (0.4, 0.0)]
 
 
 def up_and_down(a, b, steps):
-    """Loaded on the way to a point, and unloaded."""
     return legs((0, 0), (a, b), (0, 0), steps=steps)
 
 

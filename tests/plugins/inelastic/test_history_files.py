@@ -45,7 +45,6 @@ def full():
 
 @pytest.fixture(scope="module")
 def whole(full):
-    """The history without a store."""
     return full.march(PATH, RENEWED)
 
 
@@ -270,8 +269,6 @@ class Plain:
 
 @dataclass(frozen=True)
 class Table:
-    """An amplitude with an array."""
-
     values: np.ndarray
     count = 1
 

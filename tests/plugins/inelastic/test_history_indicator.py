@@ -1,7 +1,6 @@
 """The indicator of histories: what it measures, that it ranks, what it costs, and that it survives a file."""
 
 import dataclasses
-import pickle
 import time
 import warnings
 
@@ -140,16 +139,6 @@ def test_no_answer_has_no_estimate(small):
     assert failed.estimate() is None
 
 
-def test_it_survives_copies_and_files(small, tmp_path):
-    for number, (reduced, path) in enumerate(
-        [(small[0], demo.path(9.0, flowing.STEPS)), (condensing.pellet()[2], condensing.loaded(9.0))]
-    ):
-        expected = [answer.estimate() for answer in reduced.march(path, condensing.QUIET).answers]
-        hhr.save_model(tmp_path / f"{number}.npz", reduced)
-        for again in (hhr.load_model(tmp_path / f"{number}.npz"), pickle.loads(pickle.dumps(reduced))):
-            assert [answer.estimate() for answer in again.march(path, condensing.QUIET).answers] == expected
-
-
 def test_it_costs_less_than_a_step():
     model = condensing.pellet()[2]
     path = condensing.loaded(9.0)
@@ -188,7 +177,6 @@ def watched(known, onsets=()):
 
 
 def one(misfit, stress):
-    """Signs of a step."""
     return Signs(0.0, 1.0, 0.0, misfit=misfit, stress=stress)
 
 

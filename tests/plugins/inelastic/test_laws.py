@@ -16,7 +16,6 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 
 def update(law, strain, old, dt=0.1):
-    """One step of a material of one law."""
     groups = [Group(np.arange(len(strain)), YOUNG, POISSON, law)]
     return Material(groups, strain.shape[1]).update(strain, old, dt, tangent=True)
 

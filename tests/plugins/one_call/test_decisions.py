@@ -269,9 +269,3 @@ def test_paths_of_a_check_are_none_of_the_training(real_context):
     points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_context.seed))]
     found = [{tuple(point) for point in some} for some in points]
     assert not (found[0] & found[1] or found[0] & found[2] or found[1] & found[2])
-
-
-# ---------------------------------------------------------------- what a report advises
-
-
-# ---------------------------------------------------------------- what a report shows

@@ -61,7 +61,6 @@ def yielding():
 
 
 def cycle(young, top=0.05):
-    """Pushed and let go."""
     shares = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.7, 0.4, 0.1)
     return [(float(k), np.array([top * share, young])) for k, share in enumerate(shares)]
 

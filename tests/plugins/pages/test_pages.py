@@ -329,10 +329,8 @@ def test_formulas_are_worked_off_as_python_does(text):
     from hhr_dolfinx.plugins.pages.packing import steps_of
 
     scalar = Scalar(text, ("a", "b"))
-    program = (
-        "const hhr = require(process.argv[1]); const { s, p } = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
-    )
-    program += "console.log(hhr.formula(s, p));"
+    program = "const hhr = require(process.argv[1]), given = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
+    program += "console.log(hhr.formula(given.steps, given.point));"
     for point in ([1.5, 2.25], [0.25, 9.0]):
         found = node(program, MODEL, steps=steps_of(scalar), point=point)
         assert found == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
