@@ -646,8 +646,7 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
         hhr.save_model(tmp_path / "model.npz", model)
         with pytest.warns(FarSlidingWarning):
             hhr.load_model(tmp_path / "model.npz").march(far)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
+        with warnings.catch_warnings(action="error"):
             model.march(PULLED)
             model.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.0, 0.4))])
     plane = rubbing(
@@ -658,8 +657,7 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
         ) + hhr.Displacement.clamp(side(SECOND, 1, True), 2),
     )  # fmt: skip
     model = hhr.condense(plane)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         answer = model.march(far).answers[-1]
     assert answer.slip.path.max() > 0.7
 
@@ -677,8 +675,7 @@ def test_cells_of_either_side_say_what_is_far():
     faces = side(SECOND, 1, False), side(FIRST, 1, True)
     for first, second, far in ((16, 4, True), (4, 16, True), (4, 4, False)):
         scene = rubbing(pairing=hhr.NodeToSurface(*faces, friction=0.05), box=box, geometry=sides(first, second))
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as caught:
             hhr.condense(scene).march(path)
         assert any(item.category is FarSlidingWarning for item in caught) == far
     both = rubbing(
@@ -715,8 +712,7 @@ def test_a_motion_that_friction_leaves_open_has_no_bound(make):
     with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine"):
         answer = model.solve((0.0, 0.0))
     assert answer.undetermined.shape[1] == 3 and set(answer.estimate().outputs) == {"weight"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UndeterminedWarning)
+    with warnings.catch_warnings(action="error", category=UndeterminedWarning):
         answer = model.solve((4.0, 0.5))
     assert answer.undetermined is None and set(answer.estimate().outputs) == {"down", "weight"}
     assert answer.outputs()["weight"] == pytest.approx(8.0, rel=1e-9)

@@ -163,8 +163,7 @@ def test_too_small_a_model_is_refused_in_words(pellet):
         condensed(full, histories, most_points=10)
     with pytest.raises(UnstableModelError, match="the displacement error, on the whole mesh"):
         condensed(full, histories, most_modes=1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         small = condensed(full, histories, most_modes=2, trust=None)
     assert small.offline.modes == 2 and small.offline.comparison is None
 
@@ -273,8 +272,7 @@ def warned(model, paths):
     """On how many of some paths the door says something."""
     count = 0
     for path in paths:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as caught:
             model.march(path)
         count += any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
     return count

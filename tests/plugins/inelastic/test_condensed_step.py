@@ -31,18 +31,11 @@ pytestmark = [
 
 def contact_arrays(schur):
     """A step of nothing but contact."""
-    size, nothing = len(schur), np.zeros
-    shapes = nothing((2, 4)), nothing((2, 4)), nothing((size, 4)), nothing(0), np.ascontiguousarray(schur)
-    rest = (
-        nothing((size, 2)),
-        nothing((2, 2)),
-        nothing((2, size)),
-        np.array([1]),
-        np.ones(1),
-        1.0,
-        nothing((2, 4), np.float32),
-    )
-    return StepModel(*shapes, *rest), Work.of(2, size, 1, 4)
+    size = len(schur)
+    bodies = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((size, 4)), np.zeros(0)
+    moved = np.zeros((size, 2)), np.zeros((2, 2)), np.zeros((2, size)), np.array([1]), np.ones(1), 1.0
+    model = StepModel(*bodies, np.ascontiguousarray(schur), *moved, np.zeros((2, 4), np.float32))
+    return model, Work.of(2, size, 1, 4)
 
 
 def contact_load(slack):

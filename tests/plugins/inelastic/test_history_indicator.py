@@ -163,8 +163,7 @@ def test_the_door_of_few_points_sees_stress_that_was_never_trained():
     rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9), "imbalance": 1e9}
     range_ = dataclasses.replace(trained.parameters, lower=np.full(3, -1e9), upper=np.full(3, 1e9))
     wide = model.changed(trained=dataclasses.replace(trained, parameters=range_, **rates))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", OutsideTrainingWarning)
+    with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         wide.march(inside)
     with pytest.warns(OutsideTrainingWarning, match="the stress differs from combinations of trained ones"):
         wide.march(aside)
@@ -183,8 +182,7 @@ def one(misfit, stress):
 def warns(trained, *signs):
     """Whether any step of a history is warned of."""
     watch = Watch(trained, "warn")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         for number, sign in enumerate(signs, 1):
             watch.after(number, float(number), sign)
     return any("from combinations of trained ones" in str(item.message) for item in caught)
@@ -225,8 +223,7 @@ def test_a_history_that_has_hardly_begun_is_held_against_onsets():
 def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_wrong(trained, model, steps):
     shares = np.arange(steps + 1) / steps
     path = demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), 5.0)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path).answers
     # from an estimate of 5 % on, which is up to 1.8 times the error of its step
     if any(issubclass(item.category, OutsideTrainingWarning) for item in caught):
@@ -240,8 +237,7 @@ def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, shar
     count = max(round(share * STEPS), 2)
     shares = share * np.append(np.arange(count + 1), np.arange(count)[::-1]) / count
     path = demo.history(share * np.arange(2 * count + 1) / count, shares, 10.0)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path)
     warned = any("of its size, in training by" in str(item.message) for item in caught)
     stress = trained.full_order.march(path).answers[-1].stress()

@@ -199,13 +199,11 @@ def test_long_steps_are_warned_of_once(pellet):
     full, paths = models["full"], [path(4), path(4, 12.0), path(64, up=32)]
     with pytest.warns(TimeStepWarning, match=r"steps of this history make errors of 1\d % .*time_tolerance=0.01"):
         full.march(paths[0], QUIET)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         snapshots = hhr.compute_snapshots(full, paths, settings=QUIET)
     (told,) = [str(item.message) for item in caught if item.category is TimeStepWarning]
     assert "2 of 3 histories make errors of 1" in told
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         # neither where it was said before, nor where it was asked for
         condensing.condensed(full, snapshots.histories)
         full.march(paths[0], replace(CONTROLLED, time_tolerance=0.1))

@@ -63,8 +63,7 @@ def test_a_small_model_answers_between_what_was_trained(name):
 
         assert seconds_of_parts(model, found)["laws"] > 0
     trained = varied.corners()[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", OutsideTrainingWarning)
+    with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         assert max(apart(model.march(trained.path), trained)) < 2e-3
 
 
@@ -161,8 +160,7 @@ def test_a_store_finds_only_what_is_the_same(tmp_path):
         assert found(full, **asked) == 0
     others = [hhr.Plasticity("90 - 0.02 * T", formula) for formula in ("H + 0", "1e3", 1e3)]
     scenes = [varied.scene(("E + 0", "78e3 * w")), varied.scene(loads=[varied.heat(0.03)])]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneWarning)  # H has no effect
+    with warnings.catch_warnings(action="ignore", category=SceneWarning):  # H has no effect
         for scene in scenes + [varied.scene(laws=(law, creep)) for law in (*others, hhr.Plasticity(81.0, "H"))]:
             assert found(hhr.FullOrderModel(scene)) == 0
 

@@ -339,8 +339,7 @@ def test_the_door_of_each_part(models):
     for ask in (lambda how: local.solve(HIGH, outside=how), lambda how: local.solve_many([LOW, HIGH], outside=how)):
         with pytest.raises(ParameterError, match="outside = 'never' is unknown"):
             ask("never")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         local.solve((100.0, 5.0), outside="ignore")
         # by the border the other model was trained there, and is taken
         answer = local.solve((100.0, 5.45))

@@ -282,8 +282,7 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
     """A table of Poisson's ratios has kinks, by which forces are off where hardly any point of a check lies."""
     young = ("3 * (1 - 1e-3 * T)", "table(T, 20, .3, 300, .33, 600, .4)")
     full = hhr.FullOrderModel(contract.blocks(young, box={"T": (20.0, 600.0)}), MPI.COMM_SELF)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         model = hhr.condense(full, fields=True)
     assert search._unresolved(model) >= worst(model, full, 200, ["pressure"])["pressure"] > 1e-5
 

@@ -5,7 +5,9 @@ import copy
 import json
 import math
 import re
+from functools import reduce
 from html.parser import HTMLParser
+from operator import getitem
 from pathlib import Path
 
 import pytest
@@ -98,10 +100,7 @@ def leaves(value, path=()):
 
 def changed(report, path, value):
     report = copy.deepcopy(report)
-    inner = report
-    for key in path[:-1]:
-        inner = inner[key]
-    inner[path[-1]] = value
+    reduce(getitem, path[:-1], report)[path[-1]] = value
     return report
 
 
@@ -109,9 +108,7 @@ def changed(report, path, value):
 def test_every_value_of_a_report_is_on_its_page(report, tmp_path):
     text = " ".join(seen(report, tmp_path).texts)
     for path in leaves(report):
-        value = report
-        for key in path:
-            value = value[key]
+        value = reduce(getitem, path, report)
         if isinstance(value, str):
             assert value in text, path
     for shown in ("two blocks", "2026 unknowns", "0.1 %", "50 %", "20.00 us", "25.0", "1585 queries", "129", "2.19"):
@@ -151,10 +148,7 @@ def test_whatever_is_missing_the_page_is_whole(tmp_path):
     for report in (ELASTIC, HISTORIES):
         for path in leaves(report):
             less = copy.deepcopy(report)
-            inner = less
-            for key in path[:-1]:
-                inner = inner[key]
-            del inner[path[-1]]
+            del reduce(getitem, path[:-1], less)[path[-1]]
             seen({"scene": "x", **less}, tmp_path)
 
 
