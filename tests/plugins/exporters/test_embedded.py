@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 import test_moduli
 from needs import needs
-from test_pages import MORE, RUBBING, SCENES, marked, outputs_of_pellet, rubbed, tour_of
+from shell import invoke
+from test_pages import MORE, RUBBING, SCENES, check_increment, marked, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -472,13 +473,9 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
     history = marched(model, tour)
     largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
     for k, answer in enumerate(history.answers):
-        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-10 * largest)
-        for place, kind in enumerate(("path", "work", "wear")):
-            known = getattr(answer.slip, kind)
-            least = 1e-10 * max(np.abs(known).max(), 1e-6)
-            np.testing.assert_allclose(slips[k, :, place], known, rtol=1e-8, atol=least)
-        assert statuses[k].tolist() == answer.slip.statuses.tolist()
-        np.testing.assert_allclose(outputs[k], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        found = dict(zip(("path", "work", "wear"), slips[k].T, strict=True))
+        found |= {"forces": forces[k], "outputs": outputs[k], "statuses": statuses[k]}
+        check_increment(found, answer, largest)
     assert set(statuses.ravel().tolist()) == {0, 1, 2}
     # loaded in proportion, with increments that are halved as those of model.solve are
     for point in model.parameters.random(4, 3):
@@ -634,3 +631,13 @@ def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, 
     assert status == DONE
     np.testing.assert_allclose(forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max())
     assert asked(point)[0] == NO_ANSWER and asked(np.vstack([beside, point]))[0] == NO_ANSWER
+
+
+def test_a_condensed_model_beside_a_refused_one_is_named(tmp_path):
+    hhr.save_model(tmp_path / "model.npz", contract.training("constant").build(contract.AS_IT_IS))
+    for words in (("page", tmp_path / "model.npz"), ("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")):
+        code, said = invoke(*words)
+        assert code == 3 and "condensed.npz" not in said
+    hhr.save_model(tmp_path / "condensed.npz", hhr.condense(contract.blocks()))
+    code, said = invoke("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")
+    assert code == 3 and str(tmp_path / "condensed.npz") in said.replace("\n", "")

@@ -312,7 +312,7 @@ def test_nothing_that_moves_is_named():
 @pytest.mark.parametrize("push", [0.5, 5.0])
 def test_large_strains_are_told_of(push):
     box = hhr.ParameterSpace(("push", "load"), (0.9 * push, 0.0), (push, 0.1))
-    with pytest.warns(SmallStrainWarning, match="strain"):
+    with pytest.warns(SmallStrainWarning, match=r"at push = .*: a strain of .*narrow it"):
         hhr.reduce(dataclasses.replace(contract.blocks(), parameters=box), 0.01, of="forces")
 
 
