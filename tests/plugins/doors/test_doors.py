@@ -10,10 +10,13 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from functools import partial
+from unittest.mock import Mock
 
 import contract
 import numpy as np
 import pytest
+from threads import at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as command
@@ -222,10 +225,7 @@ def test_a_server_listens_where_it_is_told_to(model, served):
 
 
 def test_a_fault_of_a_model_costs_no_client_its_sentence(served, monkeypatch):
-    def broken(asked):
-        raise ZeroDivisionError("by a fault")
-
-    monkeypatch.setitem(served.protocol.posted, "/Evaluate", broken)
+    monkeypatch.setitem(served.protocol.posted, "/Evaluate", Mock(side_effect=ZeroDivisionError("by a fault")))
     status, answer = requested(served, "/Evaluate", json.dumps(GOOD))
     assert (status, answer) == (500, {"error": {"type": "InvalidOutput", "message": "ZeroDivisionError: by a fault"}})
 
@@ -234,16 +234,11 @@ def test_a_server_takes_turns_with_all_its_clients(served):
     """Threads share the model, and each client gets its own answer."""
     points = served.protocol.function.model.parameters.random(40, 3)
     points = np.minimum(points, served.protocol.function.model.trained.upper)
-    found = [None] * len(points)
 
-    def ask(k):
-        found[k] = requested(served, "/Evaluate", json.dumps(GOOD | {"input": [points[k].tolist()]}))[1]["output"][0]
+    def ask(point):
+        return requested(served, "/Evaluate", json.dumps(GOOD | {"input": [point]}))[1]["output"][0]
 
-    threads = [threading.Thread(target=ask, args=(k,)) for k in range(len(points))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    found = at_once([partial(ask, point) for point in points.tolist()])
     np.testing.assert_allclose(found, served.protocol.function(points), rtol=1e-10)
 
 

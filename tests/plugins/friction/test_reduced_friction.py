@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from unittest.mock import Mock
 
 import contract
 import numpy as np
@@ -357,11 +358,7 @@ def test_local_models_of_histories_are_refused(training):
 def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, monkeypatch):
     full = training.full_order
     safe = hhr.FallbackModel(model, full, of="forces")
-
-    def refused(*args, **how):
-        raise NotSolvableError("a body is pulled off")
-
-    monkeypatch.setattr(AnsweringModel, "follow", refused)
+    monkeypatch.setattr(AnsweringModel, "follow", Mock(side_effect=NotSolvableError("a body is pulled off")))
     answer = safe.solve(full.parameters.middle, raise_on_failure=False)
     assert safe.fell_back(answer) and not answer.converged
     assert answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()
