@@ -9,10 +9,10 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from scenes import largest_difference, pressed_block, pressed_pair
+from test_active_set import Twice
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 
@@ -52,20 +52,6 @@ def test_shapes_that_depend_on_parameters():
     space = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
     scene = pressed_pair("plane_strain", (("E1", 0.3), (4.0, 0.25)), space, shapes=(CROWNED,), cells=4)
     check_like(hhr.FullOrderModel(scene), [0.03, 0.01, 0.05, 0.002, 2.0, 0.025, 0.9], 1e-11)
-
-
-class Twice:
-    """A contact pair listed twice: constraints are dependent where it is active."""
-
-    def __init__(self, once):
-        self.once = once
-
-    @property
-    def tags(self):
-        return self.once.tags
-
-    def rows(self, surfaces, dofs):
-        return joined([self.once.rows(surfaces, dofs)] * 2)
 
 
 def test_a_pair_listed_twice_is_named():

@@ -27,9 +27,10 @@ SHARES = np.arange(STEPS + 1) / STEPS
 MESH = {"radial_cells": 8, "axial_cells": 12, "cladding_radial_cells": 3, "cladding_axial_cells": 10}
 
 
-def there_and_back(gap):
+def there_and_back(gap, steps=STEPS):
     """Rates of this path hold those of a hold and of any slower path: ranges and rates cannot tell."""
-    return demo.history(np.arange(2 * STEPS + 1) / STEPS, np.append(SHARES, SHARES[-2::-1]), gap)
+    shares = np.arange(steps + 1) / steps
+    return demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), gap)
 
 
 def paths():
@@ -221,8 +222,7 @@ def test_a_history_that_has_hardly_begun_is_held_against_onsets():
 
 @pytest.mark.parametrize("steps", [6, 60, 200])
 def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_wrong(trained, model, steps):
-    shares = np.arange(steps + 1) / steps
-    path = demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), 5.0)
+    path = there_and_back(5.0, steps)
     with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path).answers
     # from an estimate of 5 % on, which is up to 1.8 times the error of its step
