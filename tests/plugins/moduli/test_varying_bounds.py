@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,10 +42,11 @@ MADE = {
 }
 
 
-def trained(name, **others):
+@cache
+def trained(name):
     """A scene, few answers of it, and a model."""
     make, hypothesis, bodies, names, kind = MADE[name]
-    scene = make(hypothesis, bodies, {key: ALL[key] for key in names}, cells=3, **others)
+    scene = make(hypothesis, bodies, {key: ALL[key] for key in names}, cells=3)
     training = hhr.train(scene, hhr.Sobol(16))
     few = training.snapshots.take(np.arange(6))
     return training, hhr.build(training.full_order, few, hhr.Recipe().as_it_is()), kind
@@ -266,7 +268,7 @@ def test_the_bound_is_made_once_for_all_attempts(monkeypatch):
     calls = []
     solve = EnergySolver.__call__
     monkeypatch.setattr(EnergySolver, "__call__", lambda self, point: calls.append(0) or solve(self, point))
-    training, model, _ = trained("lower")
+    training, model, _ = trained.__wrapped__("lower")
     spent = len(calls)
     assert spent > 5
     again = varying_bound(training.full_order, model.fields.basis[:, :3])
