@@ -128,10 +128,7 @@ def condensed(training):
     ("kind", "count", "off", "off_in_work"), [("model", 3, 0.02, 0.01), ("condensed", 4, 0.003, 0.005)]
 )
 def test_unseen_paths(training, kind, count, off, off_in_work, request):
-    """Forces and work beside their largest: .9 and .4 % were measured, of condensed flow .15 and .24 %.
-
-    Where a contact opens within a step it has slipped for half of it: its path may be off by 4 % of the largest.
-    """
+    """Measured: .9 and .4 %, condensed .15 and .24 %; where a contact opens within a step its path is 4 % off."""
     full, model = training.full_order, request.getfixturevalue(kind)
     assert flowed(training.snapshots)
     assert len(model.problem.stiffness) < 120 if kind == "model" else model.equilibrium.modes < 40

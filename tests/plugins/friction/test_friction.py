@@ -550,11 +550,7 @@ def test_along_what_is_held_nothing_slips():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
-    """All slips, and all of the normal force times the coefficient is there, in each model and on the way back.
-
-    Forces are exact to the round-off of a solution, 1e-8; the hyper-reduced model of four paths is 5e-5 off. What acts
-    on no unknown sticks while it gives a ten-thousandth of what its pressure does.
-    """
+    """All slips with its coefficient, in each model and back; what acts on no unknown gives 1e-4 as it sticks."""
     first, *_, last = np.eye(dimension)
     outputs = hhr.ContactForce("pull", 0, tuple(first)), hhr.ContactForce("press", 0, tuple(last))
     scene = driven(dimension, outputs=outputs)

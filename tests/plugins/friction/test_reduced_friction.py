@@ -257,10 +257,7 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
 
 @pytest.mark.parametrize(("flows", "tolerance"), [(False, None), (False, 5e-3), (True, None)])
 def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
-    """Steps are read, with what friction remembers, and the history goes on behind them; other friction asks anew.
-
-    Where steps are cut by a tolerance cuts may be others, as what was tried and cut before is not kept.
-    """
+    """Steps are read, with what friction remembers; a tolerance may cut them otherwise. Other friction asks anew."""
     box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
     law = hhr.Plasticity(0.06, 0.5) if flows else None
     bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
@@ -289,10 +286,7 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
 
 @needs("fallback", "tables")
 def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model):
-    """Forces handed out are those of the full order to the tolerance where the indicator of any increment says less.
-
-    Two of eight paths fell back, and no error was above the tolerance: .038 was the largest.
-    """
+    """By the indicator of any increment: two of eight paths fell back, and the largest error was .038."""
     full = training.full_order
     safe = training.safe_model(0.05, of="forces")
     fell, off = [], []

@@ -109,10 +109,7 @@ def test_the_domain_of_everything_answers_as_the_full_model(case):
 
 @pytest.mark.parametrize(("indicator", "rank"), [(hhr.Eta(), 0.2), (hhr.Eta2(), 0.4)])
 def test_indicators_of_the_thesis(case, indicator, rank):
-    """They vanish where the model was trained, as far as it is exact there, and follow the error elsewhere.
-
-    That of the displacement V gamma; eta has a part of the forces besides, which spoils it (section 2.6.3.e).
-    """
+    """They vanish where the model was trained; elsewhere they follow errors of V gamma, eta less (section 2.6.3.e)."""
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
     model = hhr.build(full, known, hhr.Recipe(cone=True).as_it_is())
@@ -335,10 +332,7 @@ def test_digests_tell_types_shapes_and_order_apart():
 @pytest.mark.parametrize("young", [1.0, "E"])
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_cells_have_the_energy_of_their_strain(poisson, young):
-    """Of any cells that of a uniform strain is their area times its density, and none of a rigid motion.
-
-    Cells at nu = 0.48 take their mean dilatation, which is that of a uniform strain. Round-off of some hundred sums.
-    """
+    """Area times density of a uniform strain, with a mean dilatation too (nu = 0.48); none of a rigid motion."""
     box = {"E": (0.5, 2.0)} if young == "E" else {}
     full = hhr.FullOrderModel(pressed_pair("plane_strain", ((young, poisson), (2.0, 0.25)), box))
     problem = full.problem
@@ -361,11 +355,7 @@ def test_cells_have_the_energy_of_their_strain(poisson, young):
 
 
 def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
-    """(2.124) written out once more, and (2.122): with true values on the interface it is no less than the error.
-
-    The error is that on the RID, in its energy. With the energy of cells outside of the RID the indicator was up to
-    19 % less than the printed one. Two ways to solve with K[A, A] agree to 1e-8: the residual is a small rest.
-    """
+    """(2.124) written out, and (2.122): with true values on the interface no less than the error on the RID."""
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
     model = hhr.build(full, known, hhr.Recipe(cone=True).as_it_is())

@@ -40,10 +40,7 @@ def sound(rows: np.ndarray, found: Cubature) -> bool:
 
 @pytest.mark.parametrize("make, share", [(smooth, 0.6), (noisy, 0.75)])
 def test_a_search_goes_on_from_another_cubature(make, share, monkeypatch):
-    """For more integrals and a finer tolerance: as few points as from nothing, after few of the additions.
-
-    Points of smooth integrals serve others of them too; of numbers without any order the search keeps fewer.
-    """
+    """For more integrals and a finer tolerance: as few points as from nothing, after few of the additions."""
     rows, added, add = make(120, 2500), [], cubature._Factor.add
     monkeypatch.setattr(cubature._Factor, "add", lambda *arguments: added.append(None) or add(*arguments))
     first = fitted(rows[:80], 1e-3)

@@ -190,10 +190,7 @@ def test_a_plastic_front_in_a_thick_tube():
 
 @pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_thick_tube_in_steady_creep():
-    """Norton tube under constant pressure: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1) when rates are steady.
-
-    Creep strains are then ten times the elastic ones.
-    """
+    """Norton: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1), when creep strains are ten times the elastic ones."""
     full = hhr.FullOrderModel(tube(hhr.Norton(2.0, 4.0), 0.6))
     times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 60)])
 
