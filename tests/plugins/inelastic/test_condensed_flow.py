@@ -21,10 +21,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
-    pytest.mark.filterwarnings("ignore:no training solution has contact"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
 
 def test_arrays_are_integrals_over_what_flowed(tubes):

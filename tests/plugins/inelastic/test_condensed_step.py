@@ -23,10 +23,7 @@ from hhr_dolfinx.plugins.inelastic import condensed_step as codes
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.update import kernel_of
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
-    pytest.mark.filterwarnings("ignore:no training solution has contact"),
-]
+pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
 
 def contact_arrays(schur):
