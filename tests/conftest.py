@@ -22,7 +22,7 @@ settings.load_profile("patient")
 
 NEEDING = {
     "core/test_demo.py": ("checks", "exporters", "pages", "studies"),
-    "core/test_subspaces.py": ("theorems",),
+    "plugins/local/test_subspaces.py": ("theorems",),
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
     "plugins/one_call/test_search_limits.py": ("moduli",),

@@ -221,7 +221,7 @@ UNNEEDED = {
         "sklearn",
         "kmedoids",
         "hhr_dolfinx.plugins.local.clusters",
-        "hhr_dolfinx.reduction.subspaces",
+        "hhr_dolfinx.plugins.local.subspaces",
         "hhr_dolfinx.plugins.theorems.theorems",
     ],
     "pictures": [

@@ -18,8 +18,8 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
 from hhr_dolfinx.plugins.local.models import LEAF, Choice
+from hhr_dolfinx.plugins.local.subspaces import basis_distances, coordinates, snapshot_distances
 from hhr_dolfinx.reduction.modes import pod
-from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -99,7 +99,7 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> li
     """Local bases of cells by POD of the snapshots at their corners, section 4.2.1.
 
     Args:
-        columns: snapshots, (N, S), or their :func:`~hhr_dolfinx.reduction.subspaces.coordinates`.
+        columns: snapshots, (N, S), or their :func:`~hhr_dolfinx.plugins.local.subspaces.coordinates`.
         corners: numbers of columns, (C, k).
         tolerance: epsilon of (1.53), in (0, 1).
 

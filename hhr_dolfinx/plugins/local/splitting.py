@@ -246,7 +246,7 @@ class _Run:
         Empty if there is no such cut, or several before it did not help.
         """
         from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
-        from hhr_dolfinx.reduction.subspaces import snapshot_distances
+        from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 
         # zero displacements have no direction
         own = own[moving(self.snapshots.displacements[:, own])]
