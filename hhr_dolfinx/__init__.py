@@ -31,7 +31,6 @@ PUBLIC = {
     "online.model_file": "load_model save_model",
     "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
     "LostContact VonMises",
-    "pairings.mortar": "Mortar",
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",

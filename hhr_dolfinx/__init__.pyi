@@ -28,7 +28,6 @@ from .outputs import LargestPressure as LargestPressure
 from .outputs import LinearForm as LinearForm
 from .outputs import LostContact as LostContact
 from .outputs import VonMises as VonMises
-from .pairings.mortar import Mortar as Mortar
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
@@ -57,6 +56,7 @@ from .plugins.inelastic.recipe import StressDeim as StressDeim
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
+from .plugins.mortar.pairing import Mortar as Mortar
 from .plugins.one_call.search import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
 from .plugins.one_call.target import Budget as Budget

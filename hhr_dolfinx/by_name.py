@@ -38,7 +38,6 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "pairings.obstacle": "Obstacle",
         "pairings.node_to_node": "NodeToNode",
         "pairings.node_to_surface": "NodeToSurface DoublePass",
-        "pairings.mortar": "Mortar",
     },
     "laws": {},
     "forms": {

@@ -21,10 +21,13 @@ settings.load_profile("patient")
 
 
 NEEDING = {
-    "core/test_demo.py": ("checks", "exporters", "pages", "studies"),
+    "core/test_benchmarks.py": ("mortar",),
+    "core/test_demo.py": ("checks", "exporters", "mortar", "pages", "studies"),
     "plugins/local/test_subspaces.py": ("theorems",),
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
+    "plugins/greedy/test_restriction.py": ("mortar",),
+    "plugins/inelastic/test_indentation.py": ("mortar",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
     "plugins/pages/test_page_threads.py": ("moduli",),

@@ -57,7 +57,6 @@ MODULES = {
     "models.reconstruct": "Reconstruction",
     "models.reduced": "ReducedModel",
     "models.starts": "KnownStatuses LinearStarts",
-    "pairings.mortar": "Mortar",
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",

@@ -152,9 +152,9 @@ PAIR = hhr.NodeToNode(11, 21, (0.0, 1.0))
         ),
         ({"contacts": (PAIR, FLOOR, PAIR)}, r"contacts 0 and 2 are the same pair of surfaces \(11, 21\)"),
         ({"contacts": (PAIR, hhr.NodeToNode(21, 11, (0.0, -2.0)))}, "contacts 0 and 1 are the same pair"),
-        ({"contacts": (PAIR, hhr.Mortar(21, 11))}, "contacts 0 and 1 are the same pair"),
+        ({"contacts": (PAIR, hhr.NodeToSurface(21, 11))}, "contacts 0 and 1 are the same pair"),
         ({"contacts": (FLOOR, hhr.Obstacle(1, (0.0, -3.0), 0.5))}, r"the same pair of surfaces \(1,\)"),
-        ({"contacts": (hhr.Mortar(11, 11),)}, "contact 0 pairs surface 11 with itself"),
+        ({"contacts": (hhr.NodeToSurface(11, 11),)}, "contact 0 pairs surface 11 with itself"),
     ],
 )
 def test_what_is_listed_twice(changes, message):

@@ -7,6 +7,7 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
+from needs import MORTAR, needs
 from scenes import check_contact_conditions
 from test_pairings import concentric_arcs, shrink_fit
 from test_pairings_independent import chain, make
@@ -16,7 +17,7 @@ from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, hhr.DoublePass])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("by_normal", [True, False])
 def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
     """Both bodies' undersides, and blocks that stand beside each other."""
@@ -29,7 +30,7 @@ def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
         hhr.FullOrderModel(patch.scene(pairing, by_normal=by_normal, shift=2.5))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_slave_nodes_beyond_the_edge_are_named_and_left_out(pairing):
     """Upper block moved by 0.3: nodes at x = 1.1 and 1.3 hang over; a mortar row needs some cover only."""
     with pytest.warns(PairingWarning, match=r"beyond the edge.*\[1\.[13]"):
@@ -68,13 +69,13 @@ def test_facets_without_area(broken, message):
         hhr.FullOrderModel(dataclasses.replace(scene, geometry=geometry))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_an_overlap_larger_than_a_cell_is_named(pairing):
     with pytest.warns(PairingWarning, match=r"overlap at surface 210 exceeds a cell.*\(0\.4\) at \[1\.[56]"):
         hhr.FullOrderModel(shrink_fit(pairing, 4, interference=0.4))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("normal", [(0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)])
 def test_impossible_normals(pairing, normal):
     scene = patch.scene(pairing)
@@ -83,9 +84,13 @@ def test_impossible_normals(pairing, normal):
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)))
 
 
-def test_unknown_multipliers_and_missing_tags():
+@needs("mortar")
+def test_unknown_multipliers():
     with pytest.raises(SceneError, match="multipliers 'triple' are unknown, one of dual, standard"):
         hhr.Mortar(1, 2, multipliers="triple")
+
+
+def test_missing_tags():
     scene = patch.scene(hhr.NodeToSurface)
     with pytest.raises(SceneError, match=r"facet tags \[99\] are not in the mesh"):
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(hhr.NodeToSurface(99, 121),)))
@@ -135,7 +140,7 @@ def strips(pairing, cells, gap, thickness=0.02):
 
 
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning", "ignore::hhr_dolfinx.errors.SceneWarning")
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, hhr.DoublePass])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("cells", [(20, 1), (20, 2), (6, 5, 1)])
 @pytest.mark.parametrize("gap", [0.01, -0.005])
 def test_back_sides_never_meet(pairing, cells, gap):
@@ -149,7 +154,7 @@ def test_back_sides_never_meet(pairing, cells, gap):
     assert forces.any() == (gap < 0)
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_back_sides_alone_are_refused(pairing):
     """The outer sides of two blocks that touch, which lie two heights behind each other; cells are 1/3 and 1/4 high."""
     scene = patch.scene(pairing, by_normal=False)
@@ -158,6 +163,7 @@ def test_back_sides_alone_are_refused(pairing):
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pairing(*tags),)))
 
 
+@needs("mortar")
 def test_a_way_through_the_own_body_is_none():
     """The slave's upper plate stands between its lower one and the master."""
     x = np.linspace(0, 1, 5)
@@ -178,7 +184,7 @@ def test_a_way_through_the_own_body_is_none():
     assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("counts", [(12, 17), (20, 23)])
 def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
     """Rings pressed together: the mean pressure is that of Lamé where nothing is said, and far off where it is.

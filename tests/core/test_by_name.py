@@ -290,11 +290,11 @@ def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkey
 
     twice = [Entry("Twice", "a:X", int), Entry("Twice", "b:X", float)]
     same = [Entry("Same", "a:Y", dict), Entry("Same", "a:Y", dict)]
-    points = Entries([*twice, *same, Entry("Leaves", "a:Z", leave), Entry("Mortar", "a:M", list)])
+    points = Entries([*twice, *same, Entry("Leaves", "a:Z", leave), Entry("Obstacle", "a:M", list)])
     monkeypatch.setattr(by_name.importlib.metadata, "entry_points", lambda group: points)
     with pytest.raises(SceneError, match="'Twice' stands for 'a:X' of a:X and 'b:X' of b:X"):
         find("pairings", "Twice")
     with pytest.raises(SceneError, match=r"'Leaves' .* cannot be loaded: SystemExit: 3"):
         find("pairings", "Leaves")
-    assert find("pairings", "Same") == {} and find("pairings", "Mortar") is hhr.Mortar
-    assert names("pairings")["Mortar"] == "hhr_dolfinx"
+    assert find("pairings", "Same") == {} and find("pairings", "Obstacle") is hhr.Obstacle
+    assert names("pairings")["Obstacle"] == "hhr_dolfinx"

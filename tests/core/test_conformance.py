@@ -49,7 +49,8 @@ class Parted(Foundation):
 
 PASS = [
     *((suite.check_pairing, part) for part in (
-        PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE), hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),
+        PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE),
+        *((hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),) if present("mortar") else ()),
     )),
     *((suite.check_load, part, LOADS) for part in (
         Weight(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,

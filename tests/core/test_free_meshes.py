@@ -21,6 +21,7 @@ PAIRINGS = {
     "node to node": lambda: hhr.NodeToNode(HEAD_UNDER, FLANGE_TOP, (0.0, 0.0, -1.0)),
     "obstacle": lambda: hhr.Obstacle(HEAD_UNDER, (0.0, 0.0, -1.0), 0.0),
 }
+CASES = [pytest.param(name, marks=needs("mortar") if "mortar" in name else ()) for name in PAIRINGS]
 
 
 def head_on_flange(size, *, alike=False):
@@ -88,7 +89,7 @@ def check(pairing, size, young, conditions, forces):
         assert largest_difference(condensed.solve(point).forces(), exact.forces()) < 1e-10
 
 
-@pytest.mark.parametrize("pairing", PAIRINGS)
+@pytest.mark.parametrize("pairing", CASES)
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
 def test_models_of_a_free_mesh(pairing):
@@ -101,7 +102,7 @@ def test_models_of_a_free_mesh(pairing):
 
 @needs("moduli")
 @pytest.mark.slow
-@pytest.mark.parametrize("pairing", PAIRINGS)
+@pytest.mark.parametrize("pairing", CASES)
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
 def test_models_of_a_fine_free_mesh(pairing):

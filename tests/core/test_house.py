@@ -212,8 +212,8 @@ UNNEEDED = {
     ],
     "meshes that do not match": [
         "hhr_dolfinx.pairings.node_to_surface",
-        "hhr_dolfinx.pairings.mortar",
-        "hhr_dolfinx.pairings.segments",
+        "hhr_dolfinx.plugins.mortar.pairing",
+        "hhr_dolfinx.plugins.mortar.segments",
         "hhr_dolfinx.pairings.projection",
         "shapely",
     ],

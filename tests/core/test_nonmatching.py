@@ -43,7 +43,9 @@ def pellet():
     return hhr.train(demo.scene(**MESH), [12, 10], held_out=10, comm=MPI.COMM_SELF)
 
 
-@pytest.fixture(scope="module", params=["node_to_surface", "mortar", "double_pass"])
+@pytest.fixture(
+    scope="module", params=["node_to_surface", pytest.param("mortar", marks=needs("mortar")), "double_pass"]
+)
 def problem(request):
     """Problems of all pairings whose rows interpolate."""
     return hhr.FullOrderModel(demo.scene(request.param, **MESH), MPI.COMM_SELF).problem
@@ -82,6 +84,7 @@ def test_every_rid_is_closed_and_keeps_its_nodes(problem, seed, count, layers):
     check_closed(problem, asked, reduced_domain(problem, asked, layers))
 
 
+@needs("mortar")
 def test_overlapping_rows_grow_to_the_whole_surface(standard):
     """Standard multipliers leave no place to cut; dual ones do."""
     asked = standard.contact_slaves[[8]]
@@ -252,7 +255,7 @@ def test_an_imposed_slave_surface_keeps_only_conditions_that_act_inside():
 
 def test_training_keeps_and_finds_its_solutions(tmp_path, monkeypatch):
     """A second training with the folder of the first solves nothing; held-out points are not those of the grid."""
-    scene = patch.scene(hhr.Mortar, (4, 3), (5, 3), poisson=0.3, bulge=0.02)
+    scene = patch.scene(hhr.NodeToSurface, (4, 3), (5, 3), poisson=0.3, bulge=0.02)
     first = hhr.train(scene, [4, 3], held_out=5, folder=tmp_path, comm=MPI.COMM_SELF)
     assert not {tuple(p) for p in first.held_out.points} & {tuple(p) for p in first.snapshots.points}
     monkeypatch.setattr(hhr.FullOrderModel, "solve", lambda *_, **__: pytest.fail("solved again"))
@@ -265,7 +268,7 @@ def test_training_keeps_and_finds_its_solutions(tmp_path, monkeypatch):
 
 def test_stress_uses_the_constants_of_each_body():
     """A linear field on both bodies: sigma = lambda tr(e) 1 + 2 mu e with their own E and nu."""
-    scene = patch.scene(hhr.Mortar, (3, 3), (4, 3))
+    scene = patch.scene(hhr.NodeToSurface, (3, 3), (4, 3))
     bodies = (hhr.Body(1, 3.0, 0.3), hhr.Body(2, 7.0, 0.1))
     full_order = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies), MPI.COMM_SELF)
     points = full_order.problem.points
@@ -406,7 +409,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
 
 
 @needs("studies")
-@pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
+@pytest.mark.parametrize("pairing", ["node_to_surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
     if pairing == "mortar":
@@ -430,7 +433,9 @@ def run_quick(name, out, *arguments):
     assert run.returncode == 0, run.stderr[-3000:]
 
 
-@pytest.mark.parametrize("pairing", ["node_to_surface", pytest.param("mortar", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "pairing", ["node_to_surface", pytest.param("mortar", marks=[needs("mortar"), pytest.mark.slow])]
+)
 def test_quick_pellet(tmp_path, pairing):
     run_quick("pellet_cladding_nonmatching", tmp_path, "--pairing", pairing)
     report = json.loads((tmp_path / "report.json").read_text())
@@ -440,6 +445,7 @@ def test_quick_pellet(tmp_path, pairing):
         assert (tmp_path / name).stat().st_size > 5000
 
 
+@needs("mortar")
 def test_quick_sphere(tmp_path):
     run_quick("sphere_on_block", tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
@@ -449,6 +455,7 @@ def test_quick_sphere(tmp_path):
     assert (tmp_path / "fields.vtu").stat().st_size > 5000
 
 
+@needs("mortar")
 def test_quick_patch_test(tmp_path):
     run_quick("contact_patch_test", tmp_path)
     rows = json.loads((tmp_path / "contact_patch_test.json").read_text())

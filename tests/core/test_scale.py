@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix
 
@@ -87,9 +87,15 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         again.displacement()
 
 
+def pressed_by_sphere(sphere, block):
+    """Of mortar, if there is any; what is tested here does not depend on it."""
+    pairing = hhr.Mortar if present("mortar") else hhr.NodeToSurface
+    return sphere_on_block.scene(pairing, sphere_cells=sphere, block_cells=block)
+
+
 def pressed_sphere(*outputs, cells=8, moduli=False):
     """A scene in space of some hundred conditions."""
-    plain = sphere_on_block.scene(sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2))
+    plain = pressed_by_sphere((cells, cells // 2), (cells - 2, cells // 2))
     if not moduli:
         return dataclasses.replace(plain, outputs=outputs)
     bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(plain.bodies))
@@ -232,7 +238,7 @@ def test_a_check_says_what_a_large_scene_takes(tmp_path):
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     def told(cells):
-        scene = sphere_on_block.scene(sphere_cells=(cells, cells // 2), block_cells=(cells, cells // 2))
+        scene = pressed_by_sphere((cells, cells // 2), (cells, cells // 2))
         texts = [finding.text for finding in check_scene(scene).findings]
         return next(text for text in texts if "conditions of contact" in text)
 

@@ -12,7 +12,7 @@ import pellet_cladding
 import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
-from needs import needs
+from needs import MORTAR, needs
 from second_order import LAME, bowl, rings
 from test_locking import FAR
 from tubes import tube
@@ -59,7 +59,10 @@ def pressed(dim, simplices, pairing, *, alike=True, **others):
 
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("pairing", ["node to node", "node to surface", "double pass", "mortar", "obstacle"])
+@pytest.mark.parametrize(
+    "pairing",
+    ["node to node", "node to surface", "double pass", pytest.param("mortar", marks=needs("mortar")), "obstacle"],
+)
 def test_a_constant_pressure_passes(dim, simplices, pairing):
     """Patch test: 5e-12 was measured. Areas are positive, also at the corners of six-node triangles."""
     full = hhr.FullOrderModel(pressed(dim, simplices, pairing, alike=pairing != "mortar"), MPI.COMM_SELF)
@@ -185,7 +188,7 @@ def test_files_and_pictures(training, tmp_path):
     assert {kind for kind in grid.celltypes.tolist()} == {70}
 
 
-@needs("friction")
+@needs("friction", "mortar")
 def test_friction_slips_with_its_coefficient():
     """All of it slips under a shear that it cannot bear: tangential forces are .2 of pressures, by mortar and nodes."""
     for pairing in (hhr.NodeToNode, hhr.Mortar):
@@ -227,7 +230,7 @@ def test_rules_of_the_stiffness_have_positive_weights(cell, order):
 
 
 @needs("friction")
-@pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices):
     """Conditions name neighbours of their slave too: the distance is that between nodes of the master."""
@@ -313,6 +316,7 @@ def test_pressures_of_nodes_near_incompressibility_are_told_of():
         hhr.FullOrderModel(pressed(2, False, "node to node", bodies=stiff), MPI.COMM_SELF)
 
 
+@needs("mortar")
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_slave_beyond_the_edge_of_its_master(swapped):
     """Flat parts count that lie in front of the master: the force is that of mortar to 1 %."""

@@ -71,7 +71,13 @@ HEALTHY = (
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=needs("inelastic") if name in ("pellet_cladding_plastic", "indentation") else ())
+        pytest.param(
+            name,
+            marks=[
+                *([needs("inelastic")] if name in ("pellet_cladding_plastic", "indentation") else ()),
+                *([needs("mortar")] if name in ("sphere_on_block", "indentation", "contact_patch_test") else ()),
+            ],
+        )
         for name in HEALTHY
     ],
 )

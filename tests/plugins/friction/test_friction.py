@@ -126,7 +126,9 @@ PAIRINGS = {
 }
 
 
-@pytest.mark.parametrize("name", PAIRINGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs("mortar") if name == "mortar" else ()) for name in PAIRINGS]
+)
 def test_all_that_slips_bears_coulomb_whatever_the_pairing(name):
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
     full = hhr.FullOrderModel(rubbing(pairing=PAIRINGS[name](faces)), MPI.COMM_SELF)
@@ -549,6 +551,10 @@ def test_what_is_not_built_in_says_so():
     assert model.known_error
     with pytest.raises(SceneError, match="no friction"):
         hhr.FullOrderModel(rubbing(None, outputs=OUTPUTS[:1]), MPI.COMM_SELF)
+
+
+@needs("mortar")
+def test_standard_multipliers_have_no_friction():
     with pytest.raises(SceneError, match="dual"):
         hhr.Mortar(1, 2, multipliers="standard", friction=0.3)
 

@@ -126,7 +126,7 @@ def test_friction_without_paths_is_asked_at_points():
     assert model.reduction.met and model.law.plugin
 
 
-@needs("inelastic", "paths")
+@needs("inelastic", "mortar", "paths")
 @pytest.mark.slow
 def test_bodies_that_flow_are_answered_along_paths():
     import indentation

@@ -136,7 +136,10 @@ OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 
 def marked(*names):
     """Cases of tests, of which some need a plug-in."""
-    return [pytest.param(name, marks=needs("moduli") if name in OF_MODULI else ()) for name in names]
+    marks = {name: [needs("moduli")] for name in OF_MODULI}
+    for name in ("space", "sphere"):
+        marks[name] = [*marks.get(name, ()), needs("mortar")]
+    return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 @in_node
