@@ -197,7 +197,7 @@ def test_shapes_are_refused(wear):
         hhr.FullOrderModel(dataclasses.replace(scene(law=wear), shapes=(wide,), parameters=box))
 
 
-@needs("sliding")
+@needs("conformance", "sliding")
 def test_pairs_that_slide_refuse_it_by_name(wear):
     from hhr_dolfinx import testing
 
@@ -232,6 +232,7 @@ class Nameless(my_contact_law.Wearing):
         return []
 
 
+@needs("conformance")
 @pytest.mark.parametrize(("variant", "wrong"), [
     (Absent, "off the loads"), (Untold, "a gradient is asked for"), (Bare, "folders of snapshots would mix"),
 ])  # fmt: skip

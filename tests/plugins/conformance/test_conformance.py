@@ -462,7 +462,7 @@ def test_a_reductor_that_promises_less_passes():
     assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
 
 
-TEMPLATES = Path(__file__).parents[2] / "extension_templates"
+TEMPLATES = Path(__file__).parents[3] / "extension_templates"
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 
