@@ -49,7 +49,6 @@ PUBLIC = {
     "study.view": "View",
     "units": "Units",
     "version": "__version__",
-    "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
 }
 """Public names of the core by module."""
 _of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split() for at, names in PUBLIC.items()})

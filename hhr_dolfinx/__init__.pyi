@@ -77,6 +77,10 @@ from .plugins.tables.matrices import condense_matrices as condense_matrices
 from .plugins.tables.tables import answer_table as answer_table
 from .plugins.tables.tables import read_points as read_points
 from .plugins.tables.tables import write_answers as write_answers
+from .plugins.volume_loads.loads import BodyForce as BodyForce
+from .plugins.volume_loads.loads import Centrifugal as Centrifugal
+from .plugins.volume_loads.loads import Eigenstrain as Eigenstrain
+from .plugins.volume_loads.loads import ThermalExpansion as ThermalExpansion
 from .reduction.build import build as build
 from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim
@@ -105,7 +109,3 @@ from .study.training.train import train as train
 from .study.view import View as View
 from .units import Units as Units
 from .version import __version__ as __version__
-from .volume_loads import BodyForce as BodyForce
-from .volume_loads import Centrifugal as Centrifugal
-from .volume_loads import Eigenstrain as Eigenstrain
-from .volume_loads import ThermalExpansion as ThermalExpansion

@@ -46,7 +46,6 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
     },
     "loads": {
         "loads": "Pressure PartialPressure Traction",
-        "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
     },
     "outputs": {
         "outputs": (

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -145,7 +145,6 @@ def test_loads_that_only_shear_are_refused_however_small_their_slope():
 
 
 PRESSED = hhr.Pressure(block.side(1, True), slope("s"))
-HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
 CASES = {
     "corner": (lone((FLOOR, WALL), (PRESSED, hhr.Pressure(block.side(0, False), slope("t"))), ("s", "t")),
                ((1, 1), (1, 1e-6), (1e-6, 1), (1, 0), (0, 1))),
@@ -154,9 +153,11 @@ CASES = {
                            openings=(hhr.Opening(1, 0.1),)), (0.5, 1.0)),
     "one component": (lone((FLOOR,), (PRESSED, hhr.Traction(block.side(0, True), (0, -1), slope("t"))), ("s", "t"),
                            displacements=(hhr.Displacement(block.side(0, False), 0),)), ((1, 1), (1, 0), (0, 1))),
-    "heated": (lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))),
-    "heated between": (lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)),
 }  # fmt: skip
+if present("volume_loads"):
+    HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
+    CASES["heated"] = lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))
+    CASES["heated between"] = lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -167,6 +168,7 @@ def test_bodies_between_and_in_corners(name):
         kkt(full, mu)
 
 
+@needs("volume_loads")
 def test_a_free_body_that_is_heated_has_no_forces():
     full = hhr.FullOrderModel(lone((FLOOR,), (HEATED,), ("T",)), MPI.COMM_SELF)
     answer = full.solve(1.0)

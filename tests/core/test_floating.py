@@ -256,6 +256,7 @@ def ring_on_shaft(pairing):
     )
 
 
+@needs("volume_loads")
 @pytest.mark.parametrize("pairing", [MORTAR, hhr.NodeToSurface])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):

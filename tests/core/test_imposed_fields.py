@@ -137,7 +137,7 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     )
 
 
-@needs("friction", "mortar")
+@needs("friction", "mortar", "volume_loads")
 def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
     """What slips as a whole bears f times the pressure at its radius, less what slip along the axis takes."""
     import press_fit_torque

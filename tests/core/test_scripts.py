@@ -79,17 +79,19 @@ def check_friction(report):
 CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
 """What reports must hold besides."""
 OF_PLUGINS = {
-    "benchmarks": ("mortar",), "bolted_joint": ("checks", "exporters", "moduli", "mortar", "one_call", "pages"),
+    "benchmarks": ("mortar",),
+    "bolted_joint": ("checks", "exporters", "moduli", "mortar", "one_call", "pages", "volume_loads"),
     "calculix": ("exporters", "mortar"), "calibrate": ("moduli",),
-    "certified": ("fallback", "moduli", "mortar", "theorems"), "contact_patch_test": ("mortar",),
+    "certified": ("fallback", "moduli", "mortar", "theorems", "volume_loads"), "contact_patch_test": ("mortar",),
     "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding", "tables"),
     "extreme_cases": ("baselines", "inelastic", "mortar"), "fretting": ("friction",), "friction": ("friction",),
     "friction_flow": ("friction", "inelastic"), "friction_pellet": ("friction", "moduli"),
-    "friction_random": ("friction",), "fuel_rod": ("moduli",), "greedy_training": ("greedy", "moduli"),
+    "friction_random": ("friction",), "fuel_rod": ("moduli", "volume_loads"), "greedy_training": ("greedy", "moduli"),
     "history_indicator": ("inelastic",), "indentation": ("inelastic", "mortar"),
     "local_models": ("greedy", "local", "moduli", "theorems"),
-    "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call"), "pellet_cladding_plastic": ("inelastic",),
-    "pellet_materials": ("moduli",), "press_fit": ("moduli", "mortar"), "press_fit_torque": ("friction", "mortar"),
+    "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "volume_loads"),
+    "pellet_cladding_plastic": ("inelastic",), "pellet_materials": ("moduli",),
+    "press_fit": ("moduli", "mortar", "volume_loads"), "press_fit_torque": ("friction", "mortar", "volume_loads"),
     "random_recipes": ("baselines",), "scale": ("moduli", "mortar"), "second_order": ("mortar",),
     "sliding_punch": ("sliding", "friction"), "sphere_on_block": ("mortar",),
 }  # fmt: skip

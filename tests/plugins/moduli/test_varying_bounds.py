@@ -359,6 +359,7 @@ def heated_cantilever(length):
     )
 
 
+@needs("volume_loads")
 def test_bounds_know_the_round_off_of_slender_bodies():
     """Energies of the cantilever of 6 by .6 were seen off by 4e-12 of themselves, beside which bounds had 1e-13.
 

@@ -137,8 +137,8 @@ OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 def marked(*names):
     """Cases of tests, of which some need a plug-in."""
     marks = {name: [needs("moduli")] for name in OF_MODULI}
-    for name in ("space", "sphere"):
-        marks[name] = [*marks.get(name, ()), needs("mortar")]
+    marks["space"].append(needs("mortar", "volume_loads"))
+    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
@@ -282,6 +282,7 @@ def heated(hypothesis, expansion=1e-3, **slopes):
     return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
 
 
+@needs("volume_loads")
 @pytest.mark.parametrize(
     ("scene", "there"),
     [
