@@ -22,7 +22,6 @@ PUBLIC = {
     "certify.trust": "TrustLimits",
     "errors": "HHRError",
     "full_order.full": "FullOrderModel",
-    "full_order.mesh_error": "MeshError mesh_error",
     "geometries.mesh_file": "MeshFile",
     "loads": "PartialPressure Pressure Term Traction",
     "models.answer": "Answer History",

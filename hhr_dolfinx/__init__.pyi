@@ -5,8 +5,6 @@ from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
 from .errors import HHRError as HHRError
 from .full_order.full import FullOrderModel as FullOrderModel
-from .full_order.mesh_error import MeshError as MeshError
-from .full_order.mesh_error import mesh_error as mesh_error
 from .geometries.mesh_file import MeshFile as MeshFile
 from .loads import PartialPressure as PartialPressure
 from .loads import Pressure as Pressure
@@ -34,6 +32,8 @@ from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
+from .plugins.checks.mesh_error import MeshError as MeshError
+from .plugins.checks.mesh_error import mesh_error as mesh_error
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce

@@ -94,6 +94,7 @@ def test_forces_on_tetrahedra_are_four_times_as_good_with_as_many_unknowns():
     assert errors[1] < 0.004 and errors[0] > 4 * errors[1]
 
 
+@needs("checks")
 @pytest.mark.parametrize(("cells", "order", "stress", "peak"), [(6, 1, 0.252, 0.068), (6, 2, 0.045, 0.024)])
 def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
     """Beside hexahedra of second order, 46,875 dofs: the estimates were .261 and .073, .040 and .056."""
@@ -106,6 +107,7 @@ def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
     assert np.isnan(away.peak_pressure)
 
 
+@needs("checks")
 def test_no_error_where_the_mesh_leaves_nothing_out():
     """A constant stress: recovered it is what it was."""
     full = hhr.FullOrderModel(pressed(2, True, "node to node"), MPI.COMM_SELF)
@@ -354,10 +356,14 @@ def test_a_coarse_slave_is_told_to_take_mortar():
         hhr.FullOrderModel(pressed(2, False, "node to surface", alike=False), MPI.COMM_SELF)
 
 
-def test_wrong_orders_and_answers():
+def test_wrong_orders():
     for order in (2.0, True, 0, "2"):
         with pytest.raises(SceneError, match="must be 1 or 2"):
             pressed(2, False, "node to node", order=order)
+
+
+@needs("checks")
+def test_the_error_of_the_mesh_is_that_of_an_answer_of_its_scene():
     full = hhr.FullOrderModel(pressed(2, False, "node to node"), MPI.COMM_SELF)
     other = hhr.FullOrderModel(pressed(2, False, "node to node", order=1), MPI.COMM_SELF).solve({"p": 0.5})
     with pytest.raises(ParameterError, match="of another scene or mesh"):

@@ -127,6 +127,7 @@ OF_PLUGINS = {
     "fallback": "fallback",
     "reduce": "one_call",
     "greedy training": "greedy",
+    "error of the mesh": "checks",
     "naive full order": "baselines",
     "slide": "sliding",
     "study": "studies",
