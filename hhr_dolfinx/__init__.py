@@ -39,7 +39,6 @@ PUBLIC = {
     "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Tangents Zone",
     "sampling": "LatinHypercube Lattice Sobol",
     "scene": "Displacement Opening Scene",
-    "shapes": "Shape",
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",
     "snapshots.store": "SnapshotStore",
     "study.condensing": "condense",

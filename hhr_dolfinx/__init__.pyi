@@ -66,6 +66,7 @@ from .plugins.pages.scenery_of import scenery_of as scenery_of
 from .plugins.paths.path_families import Leg as Leg
 from .plugins.paths.path_families import NamedPath as NamedPath
 from .plugins.paths.path_families import PathFamily as PathFamily
+from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study
@@ -98,7 +99,6 @@ from .sampling import Sobol as Sobol
 from .scene import Displacement as Displacement
 from .scene import Opening as Opening
 from .scene import Scene as Scene
-from .shapes import Shape as Shape
 from .snapshots.records import SnapshotSet as SnapshotSet
 from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots

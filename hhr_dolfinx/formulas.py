@@ -32,6 +32,11 @@ DEEPEST = 400
 """Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python, which allows 1000."""
 
 
+def coordinate_names(hypothesis: str) -> tuple[str, ...]:
+    """Names of the coordinates of a mesh in formulas."""
+    return {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}.get(hypothesis, ("x", "y"))
+
+
 def _absolute(x: Any) -> Any:
     """|x| with the derivative of the real part, which the modulus of complex numbers would lose."""
     return np.where(np.real(x) < 0, -x, x)

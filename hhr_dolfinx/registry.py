@@ -269,7 +269,8 @@ class FieldsFile(Protocol):
 
 def tool(word: str, what: str) -> Any:
     """Function that a plug-in offers by a word: ``drawing``, a :class:`Drawing`; ``fields``, a :class:`FieldsFile`;
-    ``mesh_error``, a function of a full model and an answer that estimates the error of its mesh.
+    ``mesh_error``, a function of a full model and an answer that estimates the error of its mesh; ``shapes``, which
+    makes the :class:`~hhr_dolfinx.contact.problem.Reshaping` of a discretisation whose scene has shapes.
 
     Args:
         word: name of the tool.

@@ -36,6 +36,7 @@ NEEDING = {
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
     "plugins/pages/test_page_threads.py": ("moduli",),
+    "plugins/shapes/test_shape_outputs.py": ("mortar", "volume_loads"),
 }
 """Files all of whose scenes need plug-ins, or are of scripts that import them."""
 collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity, kron, vstack
@@ -113,6 +114,33 @@ def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
+class Reshaping(Protocol):
+    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again.
+
+    Attributes:
+        axes: indices of the parameters of shapes.
+        described: all formulas, for fingerprints.
+    """
+
+    axes: tuple[int, ...]
+    described: str
+
+    def __call__(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many conditions."""
+
+    def at(self, point: np.ndarray) -> AbstractContextManager[None]:
+        """Context in which the mesh has the shape of a point; elsewhere it has that of the middle of the box."""
+
+    def attached(self, problem: ContactProblem) -> ContactProblem:
+        """The problem in the middle of the box with this in ``reshaped``."""
+
+    def system(self, problem: ContactProblem, *makers: Any) -> Any:
+        """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
+
+    def outputs(self, problem: ContactProblem) -> Any:
+        """Outputs of the scene, :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`."""
+
+
 @dataclass(frozen=True)
 class ContactProblem:
     """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
@@ -129,8 +157,7 @@ class ContactProblem:
         moduli: amplitude of each of these parts; empty if K is their sum and does not depend on parameters. Attributes
             that depend on K without a given parameter refer to the middle of the box.
         lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty.
-        reshaped: maps a point, (P,), to the problem on the mesh there, with changed gaps, rows and loads, and has a
-            string ``described``; None if the mesh does not depend on parameters.
+        reshaped: makes the problem on the mesh of a point; None if the mesh does not depend on parameters.
         node_mass: local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
@@ -175,7 +202,7 @@ class ContactProblem:
     first: int = 0
     moduli: tuple[Modulus, ...] = ()
     lift_terms: tuple[csc_matrix, ...] = ()
-    reshaped: Any = None
+    reshaped: Reshaping | None = None
     rigid: np.ndarray | None = None
     resting: np.ndarray | None = None
     loose: str = ""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import lru_cache, partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,18 +17,17 @@ from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.elasticity import strain_vector
-from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
-from hhr_dolfinx.models.functionals.kinds import Energy, Mises, MovingMises
+from hhr_dolfinx.models.functionals.kinds import Energy, Mises
 from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, ModelProbe, Output, VonMises
 from hhr_dolfinx.parameters import Tag
-from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.models.functionals.functional import ShapeFunctionals
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
     from hhr_dolfinx.outputs import PlacedOutput
     from hhr_dolfinx.scene import Scene
@@ -115,8 +114,8 @@ class Probe:
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
-        return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
+        """Terms of θ with entries, (1 + T,)."""
+        return np.flatnonzero(entries)
 
     def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
@@ -138,72 +137,27 @@ if TYPE_CHECKING:
         return probe
 
 
-SHAPES = 8
-"""Number of shapes whose outputs a full model keeps."""
-
-
-class FullShapeFunctionals:
-    """Outputs of a full model with variable shape, prepared on the mesh at a point.
-
-    See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
-
-    Args:
-        discretisation: mesh and forms.
-        problem: that of the middle of the box.
-
-    Raises:
-        SceneError: for an output that the model does not support.
-    """
-
-    def __init__(self, discretisation: DiscreteSpace, problem: ContactProblem):
-        self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        self.parameters = problem.parameters
-        self.amplitudes = problem.amplitudes
-        self._discretisation = discretisation
-        self._base = problem
-        self._prepared = lru_cache(maxsize=SHAPES)(self._made)
-        self.items = self.at(problem.middle).items
-
-    def at(self, point: np.ndarray) -> Functionals:
-        """Outputs for the shape at a point, (P,)."""
-        return self._prepared(np.ascontiguousarray(point[self.axes], dtype=float).tobytes())
-
-    def _made(self, key: bytes) -> Functionals:
-        """Outputs for values of the parameters of the shape; the other parameters do not change their arrays."""
-        point = self._base.middle
-        reshaped = self._base.reshaped
-        point[self.axes] = np.frombuffer(key)
-        with reshaped.at(point):
-            return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
-
-
 def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
-) -> Functionals | FullShapeFunctionals:
+) -> Functionals | ShapeFunctionals:
     """All outputs of a scene; the same on all ranks. Collective.
 
     Raises:
         SceneError: for an output that the model does not support.
     """
     if problem.reshaped is not None:
-        return FullShapeFunctionals(discretisation, problem)
-    return prepared_outputs(discretisation, problem, equilibrium, problem)
+        return problem.reshaped.outputs(problem)
+    probes = [probe_of(output, discretisation, problem, equilibrium) for output in discretisation.scene.outputs]
+    return prepared_outputs(probes, 0 if equilibrium is None else equilibrium.places)
 
 
-def prepared_outputs(
-    discretisation: DiscreteSpace,
-    problem: ContactProblem,
-    equilibrium: FullEquilibrium | None,
-    base: ContactProblem,
-) -> Functionals:
-    """Outputs on a mesh with its problem, the equilibrium of laws, and the mesh in which places are found."""
-    items = [
-        output.prepared(probe_of(output, discretisation, problem, equilibrium, base))
-        for output in discretisation.scene.outputs
-    ]
+def prepared_outputs(probes: Sequence[Probe], gauss_points: int = 0) -> Functionals:
+    """Outputs of a scene by the probe of each, and the number of Gauss points of laws."""
+    scene = probes[0].scene
+    problem = probes[0].problem
+    items = [output.prepared(probe) for output, probe in zip(scene.outputs, probes, strict=True)]
     found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
-    places = 0 if equilibrium is None else equilibrium.places
-    found.check(problem.parameters, len(problem.gaps), places)
+    found.check(problem.parameters, len(problem.gaps), gauss_points)
     return found
 
 
@@ -212,9 +166,10 @@ def probe_of(
     discretisation: DiscreteSpace,
     problem: ContactProblem,
     laws: FullEquilibrium | BodiesWithLaws | None,
-    base: ContactProblem,
+    base: ContactProblem | None = None,
 ) -> Probe:
-    """Interface for one output; arguments as in :func:`prepared_outputs`, or bodies with laws without equilibrium."""
+    """Interface for one output: the equilibrium of laws, or bodies with laws; ``base`` is ``problem`` unless given."""
+    base = base or problem
     return Probe(
         scene=discretisation.scene,
         problem=problem,
@@ -222,8 +177,8 @@ def probe_of(
         contact_rows=problem.whole_contact,
         assembler=discretisation.assembler(output),
         nodes=partial(_nodes, discretisation, problem),
-        mises=partial(_mises, discretisation, base, laws),
-        energy=partial(_energy, discretisation, problem, laws),
+        mises=partial(mises_of, discretisation, base, laws),
+        energy=partial(energy_of, discretisation, problem, laws),
     )
 
 
@@ -243,13 +198,8 @@ def _nodes(discretisation: DiscreteSpace, problem: ContactProblem, tag: Tag) -> 
     return np.unique(problem.cell_nodes[_cells(discretisation, tag)])
 
 
-def _mises(
-    discretisation: DiscreteSpace,
-    problem: ContactProblem,
-    laws: FullEquilibrium | BodiesWithLaws | None,
-    output: VonMises,
-) -> Functional:
-    """Von Mises' stress of the cells of an output."""
+def cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: VonMises) -> np.ndarray:
+    """Numbers of the cells of a body within the box of an output."""
     try:
         inside = _cells(discretisation, output.tag)
     except SceneError as error:
@@ -269,8 +219,18 @@ def _mises(
                 f"between {low} and {high}: enlarge the box"
             )
         inside &= within.all(axis=1)
+    return np.flatnonzero(inside)
+
+
+def mises_of(
+    discretisation: DiscreteSpace,
+    problem: ContactProblem,
+    laws: FullEquilibrium | BodiesWithLaws | None,
+    output: VonMises,
+) -> Functional:
+    """Von Mises' stress of the cells of an output."""
+    cells = cells_of(discretisation, problem, output)
     mean = output.kind == "mean"
-    cells = np.flatnonzero(inside)
     if laws is not None:
         return laws.mises(output, cells)
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
@@ -288,49 +248,7 @@ def _mises(
     flat = scene.hypothesis == "plane_stress"
     shares = volumes / volumes.sum() if mean else np.zeros(0)
     names = scene.parameters.names
-    found = Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares)
-    if discretisation.reshaped is None:
-        return found
-    moving = moving_cells(discretisation, cells, mean_dilatation=discretisation.mean_dilatation[place])
-    return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
-
-
-def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
-    """Cells of a mesh with variable shape, as arrays; serial."""
-    mesh = discretisation.mesh
-    scene = discretisation.scene
-    reshaped = discretisation.reshaped
-    assert reshaped is not None
-    kind = mesh.topology.cell_name()
-    space = discretisation.space
-    middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
-    points, weights = compat.quadrature(kind, discretisation.gauss_degree)
-    # displacement and geometry have the same shape functions, with the same middles
-    values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
-    nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
-    cells_here = cells_here.reshape(len(cells), -1).astype(np.int64)
-    geometry = compat.geometry_dofmap(mesh)[cells]
-    of_geometry = np.full(nodes.size, -1)
-    of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
-    moves = [np.isin(of_geometry, own) for own in reshaped.nodes]
-    given = [(shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()]
-    selected = slice(1, None) if mean_dilatation else slice(1, 1)
-    return MovingCells(
-        shapes=tuple(shape for shape, _ in given),
-        moved=tuple(mask for _, mask in given),
-        coordinates=coordinate_names(scene.hypothesis),
-        parameters=scene.parameters.names,
-        middles=reshaped.middles().among(nodes),
-        points=reshaped.reference[of_geometry, : mesh.geometry.dim].copy(),
-        nodes=nodes.astype(np.int64),
-        cells=cells_here,
-        values=values[0],
-        slopes=slopes[0],
-        weights=weights if mean_dilatation else np.zeros(0),
-        gauss_values=values[selected],
-        gauss_slopes=slopes[selected],
-        axisymmetric=scene.hypothesis == "axisymmetric",
-    )
+    return Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares)
 
 
 def moduli_of(body: Body, hypothesis: str) -> tuple[str, str]:
@@ -402,13 +320,15 @@ def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> l
     return [np.concatenate(part) for part in zip(*discretisation.comm.allgather(parts), strict=True)]
 
 
-def _energy(
+def energy_of(
     discretisation: DiscreteSpace,
     problem: ContactProblem,
     laws: FullEquilibrium | BodiesWithLaws | None,
     output: ElasticEnergy,
+    *,
+    every: bool = False,
 ) -> Functional:
-    """Elastic energy by the work of all forces."""
+    """Elastic energy by the work of all forces: of those that act, or of every term of θ."""
     if laws is not None:
         raise SceneError(
             f"output '{output.name}': bodies of scene '{discretisation.scene.name}' have laws, and the work of forces "
@@ -423,8 +343,7 @@ def _energy(
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     stiffness = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)
     external = problem.external
-    moving = discretisation.reshaped is not None  # other terms may act for another shape
-    loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
+    loaded = np.arange(external.shape[1]) if every else np.flatnonzero(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
     pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
@@ -437,7 +356,7 @@ def _energy(
     squares = np.array([(lifts.T @ part).toarray() for part in pulled]).reshape(
         len(stiffness), lifted.size, lifted.size
     )
-    gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
+    gap_terms = loaded if every else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
     rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps, own
     return Energy(output.name, output.unit, *matrix, names, moduli, *rest)

@@ -51,9 +51,8 @@ MODULES = {
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.exact": "ExactFields SolvedFields",
     "models.field_response": "FieldResponse",
-    "models.functionals.cells": "CellRule Middles MovingCells",
     "models.functionals.functional": "Functionals",
-    "models.functionals.kinds": "Energy Largest Linear Loaded Mises MovingMises",
+    "models.functionals.kinds": "Energy Largest Linear Loaded Mises",
     "models.reconstruct": "Reconstruction",
     "models.reduced": "ReducedModel",
     "models.starts": "KnownStatuses LinearStarts",
@@ -63,7 +62,6 @@ MODULES = {
     "pairings.second_order": "QuadraticFacets",
     "pairings.surface": "Surface",
     "parameters": "ParameterSpace",
-    "shapes": "Shape",
     "trained": "TrainedRange",
 }
 """Classes of the core that a file may contain, by their modules; a module is imported when a file needs it."""

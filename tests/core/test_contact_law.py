@@ -189,6 +189,7 @@ def test_bodies_that_contact_alone_holds_are_refused(wear):
         hhr.FullOrderModel(held)
 
 
+@needs("shapes")
 def test_shapes_are_refused(wear):
     """Areas that its rates are divided by are those of one shape."""
     wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))

@@ -240,9 +240,9 @@ UNNEEDED = {
     ],
     "elasticity and shapes that depend on parameters": [
         "hhr_dolfinx.formulas",
-        "hhr_dolfinx.shapes",
+        "hhr_dolfinx.plugins.shapes.shape",
         "hhr_dolfinx.full_order.varying",
-        "hhr_dolfinx.full_order.reshaped",
+        "hhr_dolfinx.plugins.shapes.reshaped",
         "hhr_dolfinx.plugins.moduli.shaped",
         "hhr_dolfinx.models.eliminations.block",
         "hhr_dolfinx.plugins.moduli.interpolated",
@@ -271,7 +271,6 @@ UNNEEDED = {
 OF_FILES = {
     "hhr_dolfinx.models.functionals.kinds",
     "hhr_dolfinx.models.functionals.functional",
-    "hhr_dolfinx.shapes",
     "hhr_dolfinx.formulas",
 }
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""

@@ -213,10 +213,10 @@ def test_what_is_refused():
         second(dataclasses.replace(contract.blocks(), order=3))
 
 
-@needs("moduli")
+@needs("shapes")
 @pytest.mark.filterwarnings("ignore:displacements are of second order:hhr_dolfinx.errors.PairingWarning")
 def test_shapes_as_parameters():
-    scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)))
+    scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)))
     training = hhr.train(scene, hhr.Sobol(8), held_out=0, comm=MPI.COMM_SELF)
     point = training.full_order.parameters.middle
     exact = training.full_order.solve(point).forces()

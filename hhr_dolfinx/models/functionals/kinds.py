@@ -12,7 +12,6 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Slopes, State
 
 TIE = 1e-9
@@ -235,17 +234,6 @@ class Mises(Functional):
         point = np.sum(along * of_volume) * volume.derivative(state.point)
         point = point + np.sum(along * of_shape) * shape.derivative(state.point)
         return Slopes(measured=found.ravel(), point=point, kink=kink or bool((values[shares > 0] == 0).any()))
-
-
-@dataclass(frozen=True, eq=False)
-class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
-
-    Attributes:
-        cells: from which a model computes its rows.
-    """
-
-    cells: MovingCells
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,12 +166,13 @@ def _round_off(solver: Solver) -> float:
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
     """Tributary areas between shapes; None if they are constant."""
-    if problem.reshaped is None:
+    reshaped = problem.reshaped
+    if reshaped is None:
         return None
-    axes = np.array(problem.reshaped.axes, dtype=np.int64)
+    axes = np.array(reshaped.axes, dtype=np.int64)
 
     def there(point: np.ndarray) -> dict[str, np.ndarray]:
-        return {"areas": problem.reshaped(point).contact_areas}
+        return {"areas": reshaped(point).contact_areas}
 
     return grown(there, problem.parameters, axes, SHAPE_GRID)[0].interpolant
 

@@ -279,7 +279,7 @@ def test_moduli_and_the_coefficient_are_parameters():
     assert values["sticks"] + values["slips"] == pytest.approx(1.0)
 
 
-@needs("moduli")
+@needs("shapes")
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_shape_is_a_parameter(dimension):
     box = {"mu": (0.0, 0.8), "crown": (0.0, 0.05), "E": (1.0, 6.0)}

@@ -122,7 +122,7 @@ SCENES = {
     ),
     "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
     "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
-    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
+    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
 }
 MORE = {
@@ -137,7 +137,8 @@ OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 def marked(*names):
     """Cases of tests, of which some need a plug-in."""
     marks = {name: [needs("moduli")] for name in OF_MODULI}
-    marks["space"].append(needs("mortar", "volume_loads"))
+    marks["space"].append(needs("mortar", "shapes", "volume_loads"))
+    marks["shape"].append(needs("shapes"))
     marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
@@ -289,7 +290,7 @@ def heated(hypothesis, expansion=1e-3, **slopes):
         (lambda: heated("plane_strain"), True),
         (lambda: heated("plane_stress"), False),
         (lambda: heated("plane_stress", push=2.0, load=-1.5), False),
-        pytest.param(SCENES["shape"], False, marks=needs("moduli")),
+        pytest.param(SCENES["shape"], False, marks=needs("shapes")),
     ],
     ids=["heat", "heat in plane stress", "heat that comes and goes", "shape"],
 )

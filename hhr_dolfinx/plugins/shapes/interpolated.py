@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functionals.functional import Functional, ShapeFunctionals
-from hhr_dolfinx.models.functionals.kinds import Mises, MovingMises
+from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.models.functionals.kinds import Mises
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
-from hhr_dolfinx.plugins.moduli.shaped_functionals import ROWS, ReshapedFunctionals, Zone
+from hhr_dolfinx.plugins.shapes.functionals import ROWS, MovingMises, ReshapedFunctionals, Zone
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 
 TOLERANCE = 3e-7
 """Target error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap.
@@ -21,11 +24,11 @@ _OF_ROWS = {item.name for item in fields(Functional)}
 
 
 def reshaped_functionals(
-    prepared: ShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+    prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.models.functionals.cells`.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`.
 
     Args:
         prepared: outputs of the full model.
@@ -48,9 +51,8 @@ def reshaped_functionals(
                 found[f"{place} {name}"] = array
         return found
 
-    axes = np.array(problem.reshaped.axes, dtype=np.int64)
     finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
-    grid, modes = grown(solved, problem.parameters, axes, finer)
+    grid, modes = grown(solved, problem.parameters, prepared.axes, finer)
     arrays: list[tuple[int, str, tuple[int, ...]]] = []
     for name, part in modes.items():
         place, own = name.split(" ", 1)

@@ -1,6 +1,7 @@
 """Shapes that depend on parameters: the mesh moved in the geometry function, closed forms, the door."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import press_fit as fit
@@ -112,7 +113,6 @@ def training():
     return hhr.train(scene, hhr.Sobol(32), held_out=8)
 
 
-@needs("moduli")
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
     for point in full.parameters.random(6, seed=5):
@@ -127,7 +127,6 @@ def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(train
     assert largest_difference(found.multipliers * box, exact.multipliers * box) < 1e-3
 
 
-@needs("moduli")
 def test_condensation_converges_with_its_tolerance(training):
     from hhr_dolfinx.plugins.moduli.condense import Condensation
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
@@ -226,6 +225,7 @@ def test_a_ring_of_any_wall_converges_to_lame():
     assert 3.5 < errors[0] / errors[1] < 4.5 and 3.5 < errors[1] / errors[2] < 4.5
 
 
+@needs("mortar", "volume_loads")
 def test_a_hub_in_space_is_the_hub_meshed_there():
     """The demo on a small mesh; its plain scene has the map in its geometry function."""
     space = hhr.ParameterSpace(
@@ -282,7 +282,6 @@ def test_a_contact_surface_that_turns_takes_its_normals_along():
     assert abs(fixed.contact - turned.contact).max() > 0.1
 
 
-@needs("moduli")
 def test_condensation_follows_a_surface_that_turns():
     training = hhr.train(wedge(None), hhr.Sobol(24), held_out=8)
     model, full = training.condense(), training.full_order
@@ -388,5 +387,5 @@ except hhr.errors.SceneError as error:
 
 
 def test_several_ranks_are_refused():
-    said = launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)])
+    said = launch(2, ["-c", PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent)])])
     assert said.count("depends on parameters: build its model on one rank") == 2
