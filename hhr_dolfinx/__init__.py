@@ -28,8 +28,7 @@ PUBLIC = {
     "models.histories.equilibrium": "MarchSettings",
     "models.reduced": "ReducedModel",
     "online.model_file": "load_model save_model",
-    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
-    "LostContact VonMises",
+    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm LostContact",
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",

@@ -20,12 +20,10 @@ from .outputs import ContactForce as ContactForce
 from .outputs import ContactMoment as ContactMoment
 from .outputs import ContactWidth as ContactWidth
 from .outputs import DisplacementAt as DisplacementAt
-from .outputs import ElasticEnergy as ElasticEnergy
 from .outputs import GapAt as GapAt
 from .outputs import LargestPressure as LargestPressure
 from .outputs import LinearForm as LinearForm
 from .outputs import LostContact as LostContact
-from .outputs import VonMises as VonMises
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
@@ -68,6 +66,8 @@ from .plugins.paths.path_families import NamedPath as NamedPath
 from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
+from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
+from .plugins.stress.outputs import VonMises as VonMises
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study
 from .plugins.studies.study import study_scene as study_scene

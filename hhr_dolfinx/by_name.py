@@ -49,8 +49,7 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
     },
     "outputs": {
         "outputs": (
-            "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
-            "LostContact VonMises"
+            "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm LostContact"
         ),
     },
     "samplings": {

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
-from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import Tag, as_tuple, is_number, is_whole
 
 if TYPE_CHECKING:
     import ufl
@@ -97,12 +97,15 @@ class ModelProbe(Protocol):
         """Numbers of the nodes of a body, by its cell tag."""
 
     @property
-    def mises(self) -> Callable[[VonMises], Functional]:
-        """Von Mises' stress of the cells of a body."""
+    def discretisation(self) -> Any:
+        """Mesh and forms, :class:`hhr_dolfinx.full_order.discretisation.Discretisation`."""
 
     @property
-    def energy(self) -> Callable[[ElasticEnergy], Functional]:
-        """Elastic energy."""
+    def laws(self) -> Any:
+        """Bodies with laws, or their equilibrium; None for elastic bodies."""
+
+    def on_cells(self, found: Functional, cells: np.ndarray) -> Functional:
+        """The functional of an output whose rows are strains of cells, which shapes may move."""
 
     def conditions(self, output: ContactOutput) -> np.ndarray:
         """Conditions of pressures of the contact of an output, (c,)."""
@@ -136,7 +139,7 @@ class Output(Protocol):
 
 
 @dataclass(frozen=True)
-class _Output:
+class NamedOutput:
     """Base class of outputs.
 
     Attributes:
@@ -165,7 +168,7 @@ class _Output:
 
 
 @dataclass(frozen=True)
-class OfContact(_Output):
+class OfContact(NamedOutput):
     """Base class of outputs of a contact.
 
     Attributes:
@@ -291,7 +294,7 @@ class GapAt(OfContact):
 
 
 @dataclass(frozen=True)
-class DisplacementAt(_Output):
+class DisplacementAt(NamedOutput):
     """Component of the displacement of the node nearest to a point.
 
     Attributes:
@@ -337,50 +340,7 @@ class DisplacementAt(_Output):
 
 
 @dataclass(frozen=True)
-class VonMises(_Output):
-    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies are evaluated.
-
-    Attributes:
-        tag: cell tag of the body.
-        kind: ``max``, or ``mean`` over the volume.
-        where: two corners of a box, for the cells whose middle lies inside; None for the whole body.
-    """
-
-    tag: Tag
-    kind: str = "max"
-    where: tuple[Sequence[float], Sequence[float]] | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_tag(f"body of output '{self.name}'", self.tag)
-        if self.kind not in ("max", "mean"):
-            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'")
-        if self.where is not None:
-            corners = as_tuple(f"where of output '{self.name}'", self.where)
-            box = [as_tuple(f"a corner of where of output '{self.name}'", corner) for corner in corners]
-            if len(box) != 2 or not all(is_number(value) for corner in box for value in corner):
-                raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
-            object.__setattr__(self, "where", tuple(box))
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return probe.mises(self)
-
-
-@dataclass(frozen=True)
-class ElasticEnergy(_Output):
-    """Elastic energy of all bodies, from the work of all forces; for elastic scenes only.
-
-    In a reduced model it has the errors of forces and displacement.
-    """
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return probe.energy(self)
-
-
-@dataclass(frozen=True)
-class LinearForm(_Output):
+class LinearForm(NamedOutput):
     """A form that is linear in the displacement, such as its mean over a surface.
 
     Attributes:
@@ -402,7 +362,7 @@ class LinearForm(_Output):
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
 
-def place_of(output: _Output, name: str, dim: int) -> np.ndarray:
+def place_of(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     """A vector of an output, (dim,)."""
     value = getattr(output, name)
     if value is None or len(value) != dim:
@@ -410,7 +370,7 @@ def place_of(output: _Output, name: str, dim: int) -> np.ndarray:
     return np.array(value)
 
 
-def unit_vector(output: _Output, name: str, dim: int) -> np.ndarray:
+def unit_vector(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     """A vector of an output, normalised to length 1."""
     vector = place_of(output, name, dim)
     length = np.linalg.norm(vector)

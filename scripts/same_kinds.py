@@ -68,10 +68,6 @@ def geometries_package() -> Any:
 # ---------------------------------------------------------------- scenes
 
 
-OF_FIELDS = (
-    hhr.DisplacementAt("moved", (2.0, 2.0), 1), hhr.VonMises("mises", LOWER), hhr.ElasticEnergy("energy"),
-    hhr.ContactWidth("width", 0), hhr.LostContact("lost", 0),
-)  # fmt: skip
 OF_FRICTION = (
     hhr.FrictionForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0), hhr.DissipatedWork("work", 0),
     hhr.LargestWear("wear", 0, 1e-3), hhr.StickArea("sticks", 0),
@@ -125,6 +121,14 @@ def blocks(
 def with_outputs(scene: hhr.Scene, outputs: Sequence[Any]) -> hhr.Scene:
     """A scene with more outputs."""
     return dataclasses.replace(scene, outputs=(*scene.outputs, *outputs))
+
+
+def of_fields() -> tuple[Any, ...]:
+    """Outputs that read displacements and areas."""
+    return (
+        hhr.DisplacementAt("moved", (2.0, 2.0), 1), hhr.VonMises("mises", LOWER), hhr.ElasticEnergy("energy"),
+        hhr.ContactWidth("width", 0), hhr.LostContact("lost", 0),
+    )  # fmt: skip
 
 
 def crowned() -> Any:
@@ -185,7 +189,7 @@ def elastic_scene(name: str) -> hhr.Scene:
     if name == "half-discs":
         return half_discs()
     scene = plain[name]()
-    return with_outputs(scene, OF_FIELDS) if name in ("constant", "moduli", "shape") else scene
+    return with_outputs(scene, of_fields()) if name in ("constant", "moduli", "shape") else scene
 
 
 @cache

@@ -25,6 +25,8 @@ NEEDING = {
     "core/test_demo.py": ("checks", "exporters", "mortar", "pages", "studies", "volume_loads"),
     "core/test_fuel_rod.py": ("volume_loads",),
     "plugins/local/test_subspaces.py": ("theorems",),
+    "core/test_output_bounds.py": ("stress",),
+    "core/test_outputs.py": ("stress",),
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
     "plugins/greedy/test_restriction.py": ("mortar",),

@@ -52,7 +52,7 @@ MODULES = {
     "models.exact": "ExactFields SolvedFields",
     "models.field_response": "FieldResponse",
     "models.functionals.functional": "Functionals",
-    "models.functionals.kinds": "Energy Largest Linear Loaded Mises",
+    "models.functionals.kinds": "Largest Linear Loaded",
     "models.reconstruct": "Reconstruction",
     "models.reduced": "ReducedModel",
     "models.starts": "KnownStatuses LinearStarts",

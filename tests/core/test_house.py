@@ -234,6 +234,7 @@ UNNEEDED = {
         "hhr_dolfinx.full_order.outputs",
         "hhr_dolfinx.models.functionals.functional",
         "hhr_dolfinx.models.functionals.kinds",
+        "hhr_dolfinx.plugins.stress.mesh",
     ],
     "many parameters at once": [
         "hhr_dolfinx.models.many",

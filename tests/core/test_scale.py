@@ -57,6 +57,7 @@ def test_answers_are_the_same(name, monkeypatch):
     assert lean.keeps_columns or not lean.stiffness.has_response
 
 
+@needs("stress")
 def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
     """Forces and outputs from a file too; a displacement where the factors are."""
 
@@ -104,6 +105,7 @@ def pressed_sphere(*outputs, cells=8, moduli=False):
     return dataclasses.replace(plain, bodies=bodies, parameters=space, outputs=outputs)
 
 
+@needs("stress")
 def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     """Hyper-reduction and its estimates take a solution for each mode in the place of one for each row."""
     tag = sphere_on_block.geometry.SPHERE
@@ -120,6 +122,7 @@ def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     assert not lean.stiffness.has_response
 
 
+@needs("stress")
 def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
     """A largest stress has six rows for each cell: values and derivatives by one more solution each."""
     kept, lean = both(lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch)

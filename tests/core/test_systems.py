@@ -128,6 +128,7 @@ OF_PLUGINS = {
     "reduce": "one_call",
     "greedy training": "greedy",
     "error of the mesh": "checks",
+    "output that reads K": "stress",
     "naive full order": "baselines",
     "slide": "sliding",
     "study": "studies",

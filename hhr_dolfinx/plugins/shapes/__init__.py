@@ -6,7 +6,7 @@ _HERE = "hhr_dolfinx.plugins.shapes"
 
 PLUGIN = Plugin(
     name="shapes",
-    needs=("moduli",),
+    needs=("moduli", "stress"),
     public={f"{_HERE}.shape": "Shape"},
     classes={
         f"{_HERE}.cells": "Middles MovingCells",

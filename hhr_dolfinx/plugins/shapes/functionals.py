@@ -18,10 +18,10 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
-from hhr_dolfinx.models.functionals.kinds import Mises
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
+from hhr_dolfinx.plugins.stress.kinds import Mises
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""

@@ -10,9 +10,9 @@ import numpy as np
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
-from hhr_dolfinx.models.functionals.kinds import Mises
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
 from hhr_dolfinx.plugins.shapes.functionals import ROWS, MovingMises, ReshapedFunctionals, Zone
+from hhr_dolfinx.plugins.stress.kinds import Mises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,14 +12,14 @@ from dolfinx import fem
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.formulas import coordinate_names
-from hhr_dolfinx.full_order.outputs import Probe, cells_of, energy_of, mises_of, prepared_outputs, probe_of
-from hhr_dolfinx.models.functionals.functional import Functionals
+from hhr_dolfinx.full_order.outputs import Probe, prepared_outputs, probe_of
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.plugins.shapes.cells import MovingCells
 from hhr_dolfinx.plugins.shapes.functionals import MovingMises, OverShapes
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import Output, VonMises
+    from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.plugins.shapes.reshaped import Reshaped
 
 SHAPES = 8
@@ -65,27 +65,29 @@ class FullShapeFunctionals(OverShapes):
     def _probe(self, output: Output, problem: ContactProblem) -> MovingProbe:
         probe = probe_of(output, self._discretisation, problem, None, self._base)
         given: dict[str, Any] = {item.name: getattr(probe, item.name) for item in fields(probe)}
-        given["mises"] = partial(_mises, self._discretisation, self._reshaped, self._base)
-        given["energy"] = partial(energy_of, self._discretisation, problem, None, every=True)
-        return MovingProbe(**given)
+        return MovingProbe(**given, reshaped=self._reshaped)
 
 
 @dataclass(frozen=True)
 class MovingProbe(Probe):
-    """Interface for an output where shapes are parameters: other terms of θ may act on another shape."""
+    """Interface for an output where shapes are parameters: other terms of θ may act on another shape, and cells move.
+
+    Attributes:
+        reshaped: deforms the mesh.
+    """
+
+    reshaped: Reshaped
+
+    def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
+        """Von Mises' stress of cells that move."""
+        discretisation = self.discretisation
+        mean = bool(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells[0]]])
+        moving = moving_cells(discretisation, self.reshaped, cells, mean_dilatation=mean)
+        return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
         """All terms of θ."""
         return np.arange(entries.size)
-
-
-def _mises(discretisation: DiscreteSpace, reshaped: Reshaped, base: ContactProblem, output: VonMises) -> MovingMises:
-    """Von Mises' stress of the cells of an output, which move."""
-    found = mises_of(discretisation, base, None, output)
-    place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
-    cells = cells_of(discretisation, base, output)
-    moving = moving_cells(discretisation, reshaped, cells, mean_dilatation=discretisation.mean_dilatation[place])
-    return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
 
 
 def moving_cells(
