@@ -21,12 +21,19 @@ from hhr_dolfinx.geometries import stacked_blocks as geometry
 
 YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
-PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "double_pass": hhr.DoublePass, "mortar, dual": hhr.Mortar}
-PAIRINGS["mortar, standard"] = partial(hhr.Mortar, multipliers="standard")
+
+
+def mortar(*tags: Any, **options: Any) -> Any:
+    """A mortar pair, of a plug-in, which is asked for when a scene is made."""
+    return hhr.Mortar(*tags, **options)
+
+
+PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "double_pass": hhr.DoublePass, "mortar, dual": mortar}
+PAIRINGS["mortar, standard"] = partial(mortar, multipliers="standard")
 
 
 def scene(
-    pairing: Callable[..., Any] = hhr.Mortar,
+    pairing: Callable[..., Any] = mortar,
     lower: tuple[int, ...] = (3, 3),
     upper: tuple[int, ...] = (5, 4),
     poisson: float = 0.0,

@@ -95,8 +95,12 @@ def blocks(
 
 MODULI = {"E1": (1.0, 6.0)}
 SHAPE = {"crown": (0.0, 0.02)}
-CROWNED = hhr.Shape(two_blocks.FIRST, ("x", "y - crown * y * (x - 1.5)**2"))
 MIDDLE = {"push": 0.03, "load": 0.05}
+
+
+def crowned() -> Any:
+    """Shape of the lower body, whose upper side is crowned."""
+    return hhr.Shape(two_blocks.FIRST, ("x", "y - crown * y * (x - 1.5)**2"))
 
 
 @cache
@@ -105,7 +109,7 @@ def training(name: str) -> hhr.Training:
     scene = {
         "constant": lambda: blocks(),
         "moduli": lambda: blocks(("E1", 0.3), box=MODULI),
-        "shape": lambda: blocks(box=SHAPE, shapes=(CROWNED,)),
+        "shape": lambda: blocks(box=SHAPE, shapes=(crowned(),)),
         "floating": lambda: blocks(free=True),
         "floating moduli": lambda: blocks(("E1", 0.3), free=True, box=MODULI),
     }[name]()
@@ -154,7 +158,7 @@ def rubbing(kind: str) -> hhr.FullOrderModel:
         "constant": lambda: blocks(friction=0.1),
         "moduli": lambda: blocks(("E1", 0.3), friction="0.05 * E1", box=MODULI),
         "floating": lambda: blocks(free=True, friction=0.1),
-        "shape": lambda: blocks(friction=0.1, box=SHAPE, shapes=(CROWNED,)),
+        "shape": lambda: blocks(friction=0.1, box=SHAPE, shapes=(crowned(),)),
     }[kind]()
     return hhr.FullOrderModel(scene, MPI.COMM_SELF)
 
@@ -236,7 +240,13 @@ OF_PLUGINS = {
     "by hhr answer": ("tables",),
 }
 """Kinds and places that plug-ins add, which may have been deleted."""
-BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli", "interpolated": "moduli"}
+BY_WORD = {
+    "friction": "friction",
+    "flowing": "inelastic",
+    "moduli": "moduli",
+    "interpolated": "moduli",
+    "shape": "shapes",
+}
 """Plug-ins of all kinds that have a word in their names."""
 
 

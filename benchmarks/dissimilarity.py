@@ -25,9 +25,9 @@ from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.plugins.local.subspaces import theorem_9
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.theorems import ROUND_OFF, ThesisBounds
-from hhr_dolfinx.reduction.subspaces import theorem_9
 from hhr_dolfinx.study.training.train import Training
 
 HEIGHTS = np.array([0.5, 0.75, 1.0, 1.25, 1.5])

@@ -19,7 +19,7 @@ def non_matching_cases() -> Iterator[Case]:
     for pairing in ("node_to_surface", "mortar"):
         coarse = demo.scene(pairing, **MESH, cladding_axial_cells=1)
         yield Case(f"mesh ratio 20:1, slave finer, {pairing}", coarse)
-        side = demo.PAIRINGS[pairing](geometry.CLADDING_INNER, geometry.PELLET_SIDE, normal=(-1.0, 0.0))
+        side = getattr(hhr, demo.PAIRINGS[pairing])(geometry.CLADDING_INNER, geometry.PELLET_SIDE, normal=(-1.0, 0.0))
         swapped = dataclasses.replace(coarse, contacts=(side, *coarse.contacts[1:]))
         yield Case(f"mesh ratio 1:20, slave coarser, {pairing}", swapped)
         yield Case(f"curved gap, {pairing}", barrelled(pairing))
@@ -44,5 +44,5 @@ def barrelled(pairing: str) -> hhr.Scene:
         x[:, 0] += through * (1e-3 + 3e-3 * (x[:, 1] / 3.5 - 1) ** 2)
         return mesh, *tags
 
-    side = demo.PAIRINGS[pairing](geometry.PELLET_SIDE, geometry.CLADDING_INNER)
+    side = getattr(hhr, demo.PAIRINGS[pairing])(geometry.PELLET_SIDE, geometry.CLADDING_INNER)
     return dataclasses.replace(base, geometry=bent, contacts=(side, *base.contacts[1:]))

@@ -34,8 +34,8 @@ VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance
                 closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
 
 
-def scene(pairing: Callable[..., Any] = hhr.Mortar, **mesh_options: Any) -> hhr.Scene:
-    """The scene in mm and MPa; ``mesh_options`` go to :func:`geometry.sphere_on_block`."""
+def scene(pairing: Callable[..., Any] | None = None, **mesh_options: Any) -> hhr.Scene:
+    """The scene in mm and MPa, of mortar by default; ``mesh_options`` go to :func:`geometry.sphere_on_block`."""
     held = [hhr.Displacement(tag, axis) for axis, tags in geometry.SYMMETRY.items() for tag in tags]
     push = hhr.Displacement(geometry.SPHERE_TOP, 2, hhr.Amplitude(slopes={"push": -1.0}))
     return hhr.Scene(
@@ -43,7 +43,7 @@ def scene(pairing: Callable[..., Any] = hhr.Mortar, **mesh_options: Any) -> hhr.
         geometry=lambda comm: geometry.sphere_on_block(comm, radius=RADIUS, **mesh_options),
         hypothesis="solid",
         bodies=tuple(hhr.Body(tag, young, POISSON) for tag, young in YOUNG.items()),
-        contacts=(pairing(geometry.SPHERE_BOTTOM, geometry.BLOCK_TOP, normal=(0.0, 0.0, -1.0)),),
+        contacts=((pairing or hhr.Mortar)(geometry.SPHERE_BOTTOM, geometry.BLOCK_TOP, normal=(0.0, 0.0, -1.0)),),
         parameters=hhr.ParameterSpace(("push", "squeeze"), (0.05, 0.0), (0.25, 200.0)),
         parameter_units={"push": "mm", "squeeze": "MPa"},
         displacements=(*held, hhr.Displacement(geometry.BLOCK_BOTTOM, 2), push),

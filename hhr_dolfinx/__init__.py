@@ -22,16 +22,13 @@ PUBLIC = {
     "certify.trust": "TrustLimits",
     "errors": "HHRError",
     "full_order.full": "FullOrderModel",
-    "full_order.mesh_error": "MeshError mesh_error",
     "geometries.mesh_file": "MeshFile",
     "loads": "PartialPressure Pressure Term Traction",
     "models.answer": "Answer History",
     "models.histories.equilibrium": "MarchSettings",
     "models.reduced": "ReducedModel",
     "online.model_file": "load_model save_model",
-    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
-    "LostContact VonMises",
-    "pairings.mortar": "Mortar",
+    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm LostContact",
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",
@@ -41,7 +38,6 @@ PUBLIC = {
     "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Tangents Zone",
     "sampling": "LatinHypercube Sobol",
     "scene": "Displacement Opening Scene",
-    "shapes": "Shape",
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",
     "snapshots.store": "SnapshotStore",
     "study.condensing": "condense",
@@ -50,7 +46,6 @@ PUBLIC = {
     "study.view": "View",
     "units": "Units",
     "version": "__version__",
-    "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
 }
 """Public names of the core by module."""
 _of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split() for at, names in PUBLIC.items()})

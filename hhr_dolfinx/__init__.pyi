@@ -5,8 +5,6 @@ from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
 from .errors import HHRError as HHRError
 from .full_order.full import FullOrderModel as FullOrderModel
-from .full_order.mesh_error import MeshError as MeshError
-from .full_order.mesh_error import mesh_error as mesh_error
 from .geometries.mesh_file import MeshFile as MeshFile
 from .loads import PartialPressure as PartialPressure
 from .loads import Pressure as Pressure
@@ -22,19 +20,18 @@ from .outputs import ContactForce as ContactForce
 from .outputs import ContactMoment as ContactMoment
 from .outputs import ContactWidth as ContactWidth
 from .outputs import DisplacementAt as DisplacementAt
-from .outputs import ElasticEnergy as ElasticEnergy
 from .outputs import GapAt as GapAt
 from .outputs import LargestPressure as LargestPressure
 from .outputs import LinearForm as LinearForm
 from .outputs import LostContact as LostContact
-from .outputs import VonMises as VonMises
-from .pairings.mortar import Mortar as Mortar
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
+from .plugins.checks.mesh_error import MeshError as MeshError
+from .plugins.checks.mesh_error import mesh_error as mesh_error
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce
@@ -58,6 +55,7 @@ from .plugins.inelastic.recipe import StressDeim as StressDeim
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
+from .plugins.mortar.pairing import Mortar as Mortar
 from .plugins.one_call.record import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
 from .plugins.one_call.target import Budget as Budget
@@ -67,7 +65,10 @@ from .plugins.pages.scenery_of import scenery_of as scenery_of
 from .plugins.paths.path_families import Leg as Leg
 from .plugins.paths.path_families import NamedPath as NamedPath
 from .plugins.paths.path_families import PathFamily as PathFamily
+from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
+from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
+from .plugins.stress.outputs import VonMises as VonMises
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study
 from .plugins.studies.study import study_scene as study_scene
@@ -78,6 +79,10 @@ from .plugins.tables.matrices import condense_matrices as condense_matrices
 from .plugins.tables.tables import answer_table as answer_table
 from .plugins.tables.tables import read_points as read_points
 from .plugins.tables.tables import write_answers as write_answers
+from .plugins.volume_loads.loads import BodyForce as BodyForce
+from .plugins.volume_loads.loads import Centrifugal as Centrifugal
+from .plugins.volume_loads.loads import Eigenstrain as Eigenstrain
+from .plugins.volume_loads.loads import ThermalExpansion as ThermalExpansion
 from .reduction.build import build as build
 from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim
@@ -94,7 +99,6 @@ from .sampling import Sobol as Sobol
 from .scene import Displacement as Displacement
 from .scene import Opening as Opening
 from .scene import Scene as Scene
-from .shapes import Shape as Shape
 from .snapshots.records import SnapshotSet as SnapshotSet
 from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
@@ -105,7 +109,3 @@ from .study.training.train import train as train
 from .study.view import View as View
 from .units import Units as Units
 from .version import __version__ as __version__
-from .volume_loads import BodyForce as BodyForce
-from .volume_loads import Centrifugal as Centrifugal
-from .volume_loads import Eigenstrain as Eigenstrain
-from .volume_loads import ThermalExpansion as ThermalExpansion

@@ -38,7 +38,6 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "pairings.obstacle": "Obstacle",
         "pairings.node_to_node": "NodeToNode",
         "pairings.node_to_surface": "NodeToSurface DoublePass",
-        "pairings.mortar": "Mortar",
     },
     "laws": {},
     "forms": {
@@ -47,11 +46,10 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
     },
     "loads": {
         "loads": "Pressure PartialPressure Traction",
-        "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
     },
     "outputs": {
-        "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure "
-        "LinearForm LostContact VonMises",
+        "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm "
+        "LostContact",
     },
     "samplings": {"sampling": "Sobol LatinHypercube Lattice"},
     "scenes": {},

@@ -32,6 +32,11 @@ DEEPEST = 400
 """Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python, which allows 1000."""
 
 
+def coordinate_names(hypothesis: str) -> tuple[str, ...]:
+    """Names of the coordinates of a mesh in formulas."""
+    return {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}.get(hypothesis, ("x", "y"))
+
+
 def _chosen(choose: Callable) -> Callable[..., Any]:
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 

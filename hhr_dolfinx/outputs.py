@@ -7,7 +7,7 @@ and boxes refer to the mesh in the middle of the parameter box: an output stays 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
-from hhr_dolfinx.parameters import Tag, as_tuple, check_pair_index, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import Tag, as_tuple, check_pair_index, is_number, is_whole
 
 if TYPE_CHECKING:
     import ufl
@@ -38,9 +38,8 @@ class ModelProbe:
     contact_rows: csr_matrix  # B with the columns of imposed dofs, (N_lambda, N)
     assembler: Assembler  # interface of loads
     nodes: Callable[[Tag], np.ndarray]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
-    # von Mises' stress of the cells of a body within a box, given by its corners or None
-    mises: Callable[[VonMises], Functional]
-    energy: Callable[[ElasticEnergy], Functional]  # elastic energy
+    discretisation: Any  # mesh and forms, for outputs that read cells
+    laws: Any  # bodies with laws, or their equilibrium; None for elastic bodies
 
     @property
     def dimension(self) -> int:
@@ -69,7 +68,7 @@ class ModelProbe:
             raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
         return conditions, self.problem.contact_areas[conditions]
 
-    def at_place(self, output: GapAt | DisplacementAt, points: np.ndarray) -> np.ndarray:
+    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
 
         Raises:
@@ -95,8 +94,12 @@ class ModelProbe:
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
-        return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
+        """Terms of θ with entries, (1 + T,)."""
+        return np.flatnonzero(entries)
+
+    def on_cells(self, found: Functional, cells: np.ndarray) -> Functional:
+        """The functional of an output whose rows are strains of cells, which shapes may move."""
+        return found
 
     def nodal_forces(self, output: OfContact) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of the nodes of its first surface, and the forces on them.
@@ -121,7 +124,7 @@ class Output(Protocol):
 
 
 @dataclass(frozen=True)
-class _Output:
+class NamedOutput:
     """Base class of outputs; ``vectors`` names the fields with coordinates or components."""
 
     vectors: ClassVar[tuple[str, ...]] = ()
@@ -144,7 +147,7 @@ class _Output:
 
 
 @dataclass(frozen=True)
-class OfContact(_Output):
+class OfContact(NamedOutput):
     """Base class of outputs of a contact."""
 
     contact: int  # index of the pair in ``Scene.contacts``
@@ -263,7 +266,7 @@ class GapAt(OfContact):
 
 
 @dataclass(frozen=True)
-class DisplacementAt(_Output):
+class DisplacementAt(NamedOutput):
     """Component of the displacement of the node nearest to a point.
 
     Attributes:
@@ -309,50 +312,7 @@ class DisplacementAt(_Output):
 
 
 @dataclass(frozen=True)
-class VonMises(_Output):
-    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies are evaluated.
-
-    Attributes:
-        tag: cell tag of the body.
-        kind: ``max``, or ``mean`` over the volume.
-        where: two corners of a box, for the cells whose middle lies inside; None for the whole body.
-    """
-
-    tag: Tag
-    kind: str = "max"
-    where: tuple[Sequence[float], Sequence[float]] | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_tag(f"body of output '{self.name}'", self.tag)
-        if self.kind not in ("max", "mean"):
-            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'")
-        if self.where is not None:
-            corners = as_tuple(f"where of output '{self.name}'", self.where)
-            box = [as_tuple(f"a corner of where of output '{self.name}'", corner) for corner in corners]
-            if len(box) != 2 or not all(is_number(value) for corner in box for value in corner):
-                raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
-            object.__setattr__(self, "where", tuple(box))
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return probe.mises(self)
-
-
-@dataclass(frozen=True)
-class ElasticEnergy(_Output):
-    """Elastic energy of all bodies, from the work of all forces; for elastic scenes only.
-
-    In a reduced model it has the errors of forces and displacement.
-    """
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return probe.energy(self)
-
-
-@dataclass(frozen=True)
-class LinearForm(_Output):
+class LinearForm(NamedOutput):
     """A form that is linear in the displacement, such as its mean over a surface.
 
     Attributes:
@@ -374,7 +334,7 @@ class LinearForm(_Output):
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
 
-def place_of(output: _Output, name: str, dim: int) -> np.ndarray:
+def place_of(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     """A vector of an output, (dim,)."""
     value = getattr(output, name)
     if value is None or len(value) != dim:
@@ -382,7 +342,7 @@ def place_of(output: _Output, name: str, dim: int) -> np.ndarray:
     return np.array(value)
 
 
-def unit_vector(output: _Output, name: str, dim: int) -> np.ndarray:
+def unit_vector(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     """A vector of an output, normalised to length 1."""
     vector = place_of(output, name, dim)
     length = np.linalg.norm(vector)

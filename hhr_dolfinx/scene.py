@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
-    from hhr_dolfinx.shapes import Shape
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Displacement:
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
         """Values of the field at points, (n, dim); SceneError for unknown coordinates or values that are not finite."""
         assert self.field is not None
-        from hhr_dolfinx.shapes import coordinate_names
+        from hhr_dolfinx.formulas import coordinate_names
 
         names = coordinate_names(hypothesis)
         unknown = set(self.field.variables) - set(names)
@@ -117,7 +116,7 @@ class Scene:
         loads: loads, each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or user-defined.
         parameters: box of the parameters.
         openings: initial gaps that depend on parameters.
-        shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
+        shapes: bodies whose shape depends on parameters, each a ``Shape``, which a plug-in adds.
         outputs: numbers that every model of the scene returns by name, see :mod:`hhr_dolfinx.outputs`.
         units: units of lengths and stresses, for labels and materials by name; None if they are not given.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
@@ -136,7 +135,7 @@ class Scene:
     displacements: tuple[Displacement, ...] = ()
     loads: tuple[Load, ...] = ()
     openings: tuple[Opening, ...] = ()
-    shapes: tuple[Shape, ...] = ()
+    shapes: tuple[Any, ...] = ()
     outputs: tuple[Output, ...] = ()
     units: Units | None = None
     order: int | None = None

@@ -4,51 +4,25 @@ A check takes the part, or a function without arguments that makes it, and raise
 sentence that says what is wrong and what to do. The blocks need no optional package. Parts refer to them by the tags
 below, to contact 0, and to the parameters of :data:`BOX` or to your own, which you give by name with their bounds. No
 check proves that a part models what you mean: write your own tests for that.
+
+Checks are those of plug-ins, by their names in ``Plugin.parts["checks"]``; here is what they are made of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import signature
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-from scipy.sparse import csc_matrix, hstack
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
-from hhr_dolfinx.body import Body
-from hhr_dolfinx.certify.compare import residuals_of
-from hhr_dolfinx.errors import ClaimError, ConformanceError, HHRError, NotOfferedError, PairingWarning
-from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.errors import ConformanceError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.loads import Pressure
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.online.model_file import load_model, save_model
-from hhr_dolfinx.pairings.node_to_node import NodeToNode
-from hhr_dolfinx.pairings.surface import mean_normal
-from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
-from hhr_dolfinx.reduction.build import build
-from hhr_dolfinx.scene import Displacement, Opening, Scene
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
-from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.condensing import condense
-from hhr_dolfinx.warn import ignored
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from hhr_dolfinx.contact.law import ContactLaw
-    from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import AnsweringModel, KeptModel
-
 
 LOWER_BODY = two_blocks.FIRST
 UPPER_BODY = two_blocks.SECOND
@@ -65,41 +39,8 @@ OF_ANSWERS = 1e-5
 """Step of differences over the box or the size of a block, and relative errors: of exact answers, for cond(K) < 1e4; of
 differences of smooth functions; and of those of answers, whose round-off is larger."""
 Bounds = Mapping[str, tuple[float, float]]
-WRONG = {
-    "file": "a copy from a file answers otherwise: keep all that it needs in its fields",
-    "nodes": "rows or `slaves` name nodes that are on none of its surfaces: take `surface.nodes`",
-    "rows": "each condition needs a place, (m, 2), an area >= 0 and a row that is not zero, the same at every call",
-    "gap": "gap {} grows by {:.6g} per unit that surface {} moves outward, and its row says {:.6g}: correct one",
-    "patch": "forces of the size of `areas` are off a uniform pressure by {:.3g}: correct areas or rows (patch test)",
-    "partner": "rows see displacements that touching bodies share: pair each slave with the place where it lies",
-    "force": "it has no force anywhere in the box: check tag, direction and amplitude",
-    "sum": "its forces sum up to {} on one mesh and to {} on a finer one: integrate a density, do not load each node",
-    "derivative": "`derivative` of its amplitude is not what differences give: correct it, or leave it out",
-    "name": "its functional is {} in {!r}, and the output {} in {!r}: hand name and unit on",
-    "value": "its values at points of the box are {}: return a finite number that depends on the answer",
-    "condensed": "a condensed model has other values than the full one: declare `uses_forces` and all rows it reads",
-    "slopes": "its derivatives are {}, and differences of its value give {}: correct `slopes`",
-    "schur": "K or S = B K^-1 B^T is not symmetric, or S not that of K: make K by `made`, of a symmetric matrix",
-    "explicit": "`explicit` is not the derivative of `equations` along {}: differentiate all that depends on it there",
-    "point": "a point has other equations after another one: make new arrays for each point",
-    "parts": "parts() with their weights do not add up to K: return all of them, or None",
-    "reduced": "it has no parts() and is reduced all the same: leave `problem` as it is given",
-    "answer": "its model {} and is off by {:.3g} at {}: claim less, or refuse the scene",
-    "bound": "its model is off by more than its bound at {}: call that an estimate, or correct it",
-    "law": "`attached` must return a law of the same plug-in, which remembers",
-    "rows of a law": "`pressing` and `distinct` must return one bool for each condition",
-    "within": "`within` of all conditions must be the same law",
-    "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
-    "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
-    "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
-    "no gradient": "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError",
-    "condensed law": "a condensed model has other histories than the full one: read S and the free slack alone",
-    "known": "a history that goes on from known steps is another one: `going_on` must restore all that a step reads",
-    "cut": "steps that are cut by a tolerance have no error or no answer: return a finite `difference`",
-    "reduced law": "its plug-in has no facet 'reduction', and it is reduced all the same",
-    "gradient": "the gradient of its forces is not what differences give: correct it, or refuse gradients",
-}
-"""What a check says of a part: what is wrong, and what to do."""
+OTHER_IN_A_FILE = "a copy from a file answers otherwise: keep all that it needs in its fields"
+"""What a check says of a part that a file changes."""
 Check = TypeVar("Check", bound=Callable[..., None])
 
 
@@ -120,10 +61,6 @@ def blaming(check: Check) -> Check:
     return checked  # type: ignore[return-value]
 
 
-def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
-    require(fits, WRONG[wrong], *given)
-
-
 def require(fits: bool | np.bool_, message: str, *given: Any) -> None:
     """Raise ConformanceError with a message, filled in, unless something fits."""
     if not fits:
@@ -138,325 +75,13 @@ def __getattr__(name: str) -> Any:
     return registry.load(places[name][0])
 
 
-def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
-    """Blocks of so many cells per axis: the lower one is clamped, the upper one is pressed down and slides.
-
-    ``parameters`` are added to :data:`BOX`, and ``changes`` replace parts of the scene.
-    """
-    box = {**BOX, **(parameters or {})}
-    first, second = (((1.0, low), (2.0, low + 1.0), (cells, cells)) for low in (0.0, 1.0))
-    clamped = two_blocks.side(LOWER_BODY, 1, False)
-    top = two_blocks.side(UPPER_BODY, 1, True)
-    imposed = [
-        Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))
-    ]
-    given: dict[str, Any] = {
-        "name": "pressed_blocks",
-        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
-        "hypothesis": "plane_strain",
-        "bodies": (Body(LOWER_BODY, 2.0, 0.3), Body(UPPER_BODY, 5.0, 0.3)),
-        "contacts": (NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0)),),
-        "displacements": (*Displacement.clamp(clamped, 2), *imposed),
-        "loads": (Pressure(FLANK, Amplitude(slopes={"load": 1.0})),),
-        "openings": (Opening(0, Amplitude(slopes={"gap": 1.0})),),
-        "parameters": ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-    }
-    return Scene(**given | changes)
-
-
-@blaming
-def check_pairing(pairing: Any) -> None:
-    """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the patch test.
-
-    The patch test needs uniform gaps. A gap to an obstacle may be a given number, which no motion changes.
-    """
-    space = Discretisation(pressed_blocks(contacts=(pairing,)))
-    surfaces = [space.surface(tag) for tag in pairing.tags]
-    rows = space.contact_rows()[0]
-    again = pairing.rows(surfaces, space.size)
-    nodes = np.concatenate([surface.nodes for surface in surfaces])
-    _require(np.isin([*rows.slaves, *(rows.matrix.indices // 2)], nodes).all(), "nodes")
-    right = np.shape(rows.points) == (rows.gap.size, 2) and np.min(rows.areas) >= 0 and np.any(rows.areas)
-    right = right and abs(rows.matrix).sum(axis=1).min() > 0
-    same = np.array_equal(rows.gap, again.gap) and abs(rows.matrix - again.matrix).max() == 0
-    _require(right and same, "rows")
-    for place, surface in enumerate(surfaces):
-        normal = mean_normal(surface)
-        motion = np.zeros((space.size // 2, 2))
-        gaps = []
-        motion[surface.nodes] = normal
-        for step in (-STEP, STEP):
-            shifted = replace(surface, points=surface.points + step * normal)
-            with ignored(PairingWarning):
-                gaps.append(pairing.rows([*surfaces[:place], shifted, *surfaces[place + 1 :]], space.size).gap)
-        if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
-            found = (gaps[1] - gaps[0]) / (2 * STEP)
-            expected = -(rows.matrix @ motion.ravel())
-            worst = int(np.abs(found - expected).argmax())
-            right = abs(found - expected)[worst] <= OF_FUNCTIONS
-            _require(right, "gap", worst, found[worst], surface.tag, expected[worst])
-    if np.ptp(rows.gap) > ROUND_OFF:
-        return
-    pressures = [Pressure(tag, Amplitude(1.0)) for tag in pairing.tags]
-    uniform = sum(load.terms(space.assembler(load))[0].columns for load in pressures)
-    off = np.abs(rows.matrix.T @ rows.areas + uniform).max() / rows.areas.max()
-    _require(off <= ROUND_OFF, "patch", off)
-    if len(surfaces) == 2 and np.abs(rows.gap).max() <= ROUND_OFF:
-        places = np.zeros((space.size // 2, 2))
-        for surface in surfaces:
-            places[surface.nodes] = surface.points
-        # x and y times each unit vector: all linear fields are sums of them
-        seen = rows.matrix @ np.hstack([np.kron(column[:, None], np.eye(2)) for column in places.T])
-        _require(np.abs(seen).max() <= ROUND_OFF, "partner")
-
-
-@blaming
-def check_load(load: object, parameters: Bounds | None = None) -> None:
-    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their derivatives and files."""
-    sums = []
-
-    def force(point: np.ndarray) -> np.ndarray:
-        return columns @ amplitudes(point)
-
-    for cells in (4, 8):
-        scene = pressed_blocks(parameters, cells=cells, loads=(load,))
-        space = Discretisation(scene)
-        terms = space.load_terms()
-        columns = csc_matrix(hstack([csc_matrix((space.size, 1)), *(term.columns for term in terms)]))
-        amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
-        points = scene.parameters.random(6, 0)
-        sums.append(np.array([force(point).reshape(-1, 2).sum(axis=0) for point in points]))
-    size = max(np.abs(force(point)).sum() for point in points)
-    _require(size > 0, "force")
-    _require(np.abs(sums[1] - sums[0]).max() <= 0.01 * size, "sum", sums[0][0], sums[1][0])
-    for point in points:
-        acting, slopes = amplitudes.slopes_at(point)
-        expected = scene.parameters.differences(force, point, STEP)
-        _require(_near(columns[:, acting] @ slopes, expected, OF_FUNCTIONS), "derivative")
-    for amplitude in amplitudes.nonaffine:
-        kept = from_file(amplitude)
-        _require(all(np.array_equal(kept(point), amplitude(point)) for point in points), "file")
-
-
-@blaming
-def check_output(output: Any, parameters: Bounds | None = None) -> None:
-    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model and a file too."""
-
-    def value(model: AnsweringModel, point: np.ndarray) -> float:
-        return model.outputs(point)[output.name]
-
-    full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
-    (item,) = full.functionals.items
-    same = (item.name, item.unit) == (output.name, output.unit)
-    _require(same, "name", item.name, item.unit, output.name, output.unit)
-    points = full.parameters.random(12, 0)  # the sixth opens the contact
-    space = full.parameters
-    values = [value(full, point) for point in points]
-    _require(np.isfinite(values).all() and np.ptp(values) > 1e-12, "value", values)
-    condensed = condense(full)
-    found = [value(condensed, point) for point in points]
-    _require(_near(found, values, ROUND_OFF), "condensed")
-    for point in points[:6] if item.differentiable else ():
-        answer: Any = full.outputs(point, gradient=True)
-        slopes = answer.gradient[output.name]
-        expected = space.differences(lambda there: np.array([value(full, there)]), point, STEP)[0]
-        # over the box, beside the round-off of values; at kinks there are two slopes
-        widths = np.subtract(space.upper, space.lower)
-        size = np.abs(values).max()
-        right = answer.one_sided or _near([*slopes * widths, size], [*expected * widths, size], OF_ANSWERS)
-        _require(right, "slopes", slopes, expected)
-    kept = _saved(condensed, _classes(item))
-    _require([value(kept, point) for point in points] == found, "file")
-
-
-@blaming
-def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
-    """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name."""
-
-    def respond(point: np.ndarray) -> np.ndarray:  # displacement and slack at fixed forces
-        at = full.system.at(point)
-        unknown = at.stiffness.solve(at.loads) - at.stiffness.response_to_forces(forces)
-        return np.append(unknown, at.gaps - at.problem.contact @ unknown)
-
-    full = FullOrderModel(pressed_blocks(parameters, system=system))
-    points = full.parameters.random(4, 0)
-    random = np.random.default_rng(0)
-    free = full.problem.free
-    forces = random.standard_normal(full.conditions)
-    tried = random.standard_normal(free.size) * free
-    for point in points:
-        at = full.system.at(point)
-        parts = full.system.parts()
-        schur = at.stiffness.schur
-        solved = at.stiffness.solve(tried)
-        own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
-        matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
-        symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
-        _require(symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur")
-        full.system.at(full.problem.middle)  # another point in between
-        again = full.system.at(point)
-        same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
-        _require(same, "point")
-        unknown = respond(point)[: free.size]
-        left, slack = full.system.explicit(point, forces, unknown)
-        changes = np.stack([at.stiffness.solve(-column) for column in left.T], axis=1)
-        found = np.vstack([changes, slack - at.problem.contact @ changes])
-        expected = full.parameters.differences(respond, point, STEP)
-        for place, name in enumerate(full.parameters.names):
-            _require(_near(found[:, place], expected[:, place], OF_ANSWERS), "explicit", name)
-        if parts is not None:
-            weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
-            product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))
-            _require(_near(at.stiffness.solve(product * free), tried, ROUND_OFF), "parts")
-    for reduced in (condense, lambda full: build(full, compute_snapshots(full, points))) if parts is None else ():
-        try:
-            reduced(full)
-        except NotOfferedError:
-            continue
-        _require(False, "reduced")
-
-
-@blaming
-def check_contact_law(law: Any) -> None:
-    """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is installed.
-
-    Histories of the full model, of a condensed one and of its file agree, go on from known steps, and can be cut. What
-    the plug-in has no facet for is refused.
-    """
-    pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
-    full = FullOrderModel(pressed_blocks(contacts=(pair,)))
-    low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)
-    shares = (
-        (0.0, 0.0, 0.0, 0.0),
-        (0.6, 0.5, 0.2, 0.0),
-        (1.0, 0.9, 0.2, 0.0),
-        (0.9, 0.1, 0.5, 0.1),
-        (0.2, 0.5, 0.0, 1.0),
-    )
-    path = [(float(k), low + (high - low) * share) for k, share in enumerate(shares)]
-    own = full.law
-    _require(own.plugin == law.plugin and own.remembers, "law")
-    rows = full.conditions
-    _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
-    every = own.within(np.arange(rows))
-    _require(all(np.array_equal(one, other) for one, other in zip(own.parts(), every.parts(), strict=True)), "within")
-    _require(bool(own.parts()), "parts of a law")
-    exact = full.march(path).answers
-    for (time, _), answer in zip(path[1:], exact, strict=True):
-        residuals = residuals_of(full, answer)
-        _require(residuals.equilibrium <= ROUND_OFF and answer.time == time, "equilibrium", residuals.equilibrium)
-        kept = own.stored(answer.memory)
-        again = own.stored(own.restored({name: np.asarray(value) for name, value in kept.items()}))
-        same = kept.keys() == own.layout.keys() and all(np.array_equal(kept[name], again[name]) for name in kept)
-        _require(same, "memory")
-    condensed = condense(full)
-    _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
-    _require(_alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], 0.0), "known")
-    with TemporaryDirectory() as folder:
-        stored = [compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0] for _ in range(2)]
-        _require(_alike(own, stored[0].answers, stored[1].answers, 0.0), "memory")
-    try:
-        _require(full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None, "no gradient")
-    except NotOfferedError:
-        pass
-    found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
-    _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
-    kept_model = _saved(condensed, _classes(own))
-    _require(_alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file")
-    if "reduction" not in registry.installed()[law.plugin].facets:
-        try:
-            build(full, SnapshotSet.of_histories([full.march(path)]))
-        except NotOfferedError:
-            return
-        _require(False, "reduced law")
-
-
-def _alike(law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tolerance: float) -> bool:
-    """True if answers have the same forces and memories, relative to the largest of each over all of them."""
-    arrays = [[{"forces": a.forces(), **law.stored(a.memory)} for a in answers] for answers in (one, other)]
-    for name in arrays[0][0]:
-        pair = [np.array([np.asarray(kept[name], float) for kept in answers]) for answers in arrays]
-        if np.abs(pair[0] - pair[1]).max(initial=0.0) > tolerance * np.abs(pair[0]).max(initial=0.0):
-            return False
-    return True
-
-
-@blaming
-def check_reductor(reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
-    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a parameter.
-
-    Its model agrees with full answers that were held out: to round-off if it calls itself exact, else to ``tolerance``,
-    and within its bounds if it has any. It may refuse files, gradients and the varying modulus, with an error of the
-    package. ``known`` are your classes that its files hold, see :func:`hhr_dolfinx.load_model`.
-    """
-    bodies = Body(LOWER_BODY, "young", 0.3), Body(UPPER_BODY, 5.0, 0.3)
-    for scene in (pressed_blocks(), pressed_blocks({"young": (1.0, 4.0)}, bodies=bodies)):
-        full = FullOrderModel(scene)
-        sets = [compute_snapshots(full, full.parameters.random(count, seed)) for count, seed in ((24, 0), (4, 1))]
-        try:
-            model = build(full, sets[0], reductor, sets[1])
-        except HHRError as error:
-            if full.problem.varies and not isinstance(error, ClaimError):
-                continue
-            raise
-        _check_answers(full, model, tolerance)
-        try:
-            kept = _saved(model, known)
-        except NotOfferedError:
-            continue
-        pairs = [[one.solve(point, outside="ignore") for one in (model, kept)] for point in sets[1].points]
-        arrays = [[np.append(one.forces(), one.unknown) for one in pair] for pair in pairs]
-        _require(all(np.array_equal(one, other) for one, other in arrays), "file")
-
-
-def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float) -> None:
-    """Compare answers, bounds and gradients of the forces at points that were not trained on."""
-
-    def forces(point: np.ndarray) -> np.ndarray:
-        return model.solve(point, outside="ignore").multipliers
-
-    pairs = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(8, 1)]
-    both = [[(one.forces(), one.displacement()) for one in pair] for pair in pairs]
-    sizes = [max(np.linalg.norm(there[k]) for there, _ in both) for k in (0, 1)]
-    limit = ROUND_OFF if model.fields.exact else tolerance
-    claim = "calls itself exact" if model.fields.exact else f"promises {tolerance:g}"
-    for (there, here), (exact, reduced) in zip(pairs, both, strict=True):
-        off = [reduced[k] - exact[k] for k in (0, 1)]
-        error = max(float(np.linalg.norm(off[k]) / sizes[k]) for k in (0, 1))
-        place = full.parameters.described(there.parameter)
-        _require(error <= limit, "answer", claim, error, place)
-        if (bound := here.estimate()) is not None and bound.kind == "bound":
-            energy = np.sqrt(max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0))
-            held = np.linalg.norm(off[0]) <= bound.forces_euclid + ROUND_OFF * sizes[0]
-            _require(held and energy <= bound.primal + ROUND_OFF * sizes[0], "bound", place)
-        try:
-            found = model.solve(there.parameter, gradient=True, outside="ignore").gradient
-        except NotOfferedError:
-            continue
-        assert found is not None
-        expected = full.parameters.differences(forces, there.parameter, STEP)
-        _require(found.one_sided or _near(found.multipliers, expected, OF_ANSWERS), "gradient")
-
-
-def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:
-    """True if arrays agree relative to the largest entry."""
-    return bool(np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14)
-
-
-def _classes(value: object) -> set[type]:
-    """Classes of a dataclass and of all in it."""
-    if is_dataclass(value):
-        return {type(value)}.union(*(_classes(getattr(value, item.name)) for item in fields(value)))
-    return set().union(*map(_classes, value)) if isinstance(value, tuple) else set()
-
-
 def from_file(value: object) -> Any:
     """The value as a file would restore it."""
-    return restored(*as_plain(value), by_name(_classes(value)))
+    return restored(*as_plain(value), by_name(classes_in(value)))
 
 
-def _saved(model: KeptModel, known: Iterable[type]) -> Any:
-    """The model as its file restores it."""
-    with TemporaryDirectory() as folder:
-        save_model(Path(folder) / "model.npz", model)
-        return load_model(Path(folder) / "model.npz", list(known))
+def classes_in(value: object) -> set[type]:
+    """Classes of a dataclass and of all in it."""
+    if is_dataclass(value):
+        return {type(value)}.union(*(classes_in(getattr(value, item.name)) for item in fields(value)))
+    return set().union(*map(classes_in, value)) if isinstance(value, tuple) else set()

@@ -68,17 +68,12 @@ def geometries_package() -> Any:
 # ---------------------------------------------------------------- scenes
 
 
-OF_FIELDS = (
-    hhr.DisplacementAt("moved", (2.0, 2.0), 1), hhr.VonMises("mises", LOWER), hhr.ElasticEnergy("energy"),
-    hhr.ContactWidth("width", 0), hhr.LostContact("lost", 0),
-)  # fmt: skip
 OF_FRICTION = (
     hhr.FrictionForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0), hhr.DissipatedWork("work", 0),
     hhr.LargestWear("wear", 0, 1e-3), hhr.StickArea("sticks", 0),
 )  # fmt: skip
 MODULI, BOTH = {"E1": (1.0, 6.0)}, {"E1": (1.0, 6.0), "nu1": (0.2, 0.4)}
 SHAPE = {"crown": (0.0, 0.02)}
-CROWNED = hhr.Shape(LOWER, ("x", "y - crown * y * (x - 1.5)**2"))
 MIDDLE = {"push": 0.03, "load": 0.05}
 VARIED, PRESSED = {**MIDDLE, "E1": 2.5}, {"press": 0.05}
 YIELDS = hhr.Plasticity(yield_stress=0.03, hardening=0.3)
@@ -128,6 +123,19 @@ def with_outputs(scene: hhr.Scene, outputs: Sequence[Any]) -> hhr.Scene:
     return dataclasses.replace(scene, outputs=(*scene.outputs, *outputs))
 
 
+def of_fields() -> tuple[Any, ...]:
+    """Outputs that read displacements and areas."""
+    return (
+        hhr.DisplacementAt("moved", (2.0, 2.0), 1), hhr.VonMises("mises", LOWER), hhr.ElasticEnergy("energy"),
+        hhr.ContactWidth("width", 0), hhr.LostContact("lost", 0),
+    )  # fmt: skip
+
+
+def crowned() -> Any:
+    """Shape of the lower body, whose upper side is crowned."""
+    return hhr.Shape(LOWER, ("x", "y - crown * y * (x - 1.5)**2"))
+
+
 def volume_loads() -> tuple[Any, ...]:
     """Loads of all kinds, of which one is no sum of products of formulas and columns."""
     return (
@@ -163,7 +171,7 @@ def elastic_scene(name: str) -> hhr.Scene:
         "constant": partial(blocks),
         "moduli": partial(blocks, ("E1", 0.3), box=MODULI),
         "E and nu": partial(blocks, ("E1", "nu1"), box=BOTH),
-        "shape": partial(blocks, box=SHAPE, shapes=(CROWNED,)),
+        "shape": lambda: blocks(box=SHAPE, shapes=(crowned(),)),
         "floating": partial(blocks, free=True),
         "loads": partial(blocks, box={"E1": (1.0, 6.0), "reach": (1.2, 1.9)}, loads=volume_loads()),
         "axisymmetric": partial(blocks, hypothesis="axisymmetric"),
@@ -171,7 +179,7 @@ def elastic_scene(name: str) -> hhr.Scene:
         "second order": partial(blocks, order=2),
         "non-matching": partial(blocks, pairing=hhr.NodeToSurface, other_cells=4),
         "double pass": partial(blocks, pairing=hhr.DoublePass, other_cells=4),
-        "mortar": partial(blocks, pairing=hhr.Mortar, other_cells=4),
+        "mortar": lambda: blocks(pairing=hhr.Mortar, other_cells=4),
         "solid": partial(blocks, hypothesis="solid", cells=2, other_cells=2),
         "tetrahedra, moduli": partial(
             blocks, ("E1", 0.3), hypothesis="solid", cells=2, other_cells=3, simplices=True, box=MODULI,
@@ -181,7 +189,7 @@ def elastic_scene(name: str) -> hhr.Scene:
     if name == "half-discs":
         return half_discs()
     scene = plain[name]()
-    return with_outputs(scene, OF_FIELDS) if name in ("constant", "moduli", "shape") else scene
+    return with_outputs(scene, of_fields()) if name in ("constant", "moduli", "shape") else scene
 
 
 @cache
@@ -198,7 +206,7 @@ def frictional(name: str) -> hhr.FullOrderModel:
         "Tresca": lambda: blocks(friction=hhr.Tresca(0.004)),
         "moduli": lambda: blocks(("E1", 0.3), friction="0.05 * E1", box=MODULI),
         "floating": lambda: blocks(free=True, friction=0.1),
-        "shape": lambda: blocks(friction=0.1, box=SHAPE, shapes=(CROWNED,)),
+        "shape": lambda: blocks(friction=0.1, box=SHAPE, shapes=(crowned(),)),
         "solid": lambda: blocks(friction=0.2, hypothesis="solid", cells=2, other_cells=2),
         "non-matching": lambda: blocks(friction=0.1, pairing=hhr.NodeToSurface, other_cells=4),
     }[name]()

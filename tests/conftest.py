@@ -21,10 +21,20 @@ settings.load_profile("patient")
 
 
 NEEDING = {
-    "core/test_demo.py": ("checks", "exporters", "pages", "studies"),
-    "core/test_subspaces.py": ("theorems",),
+    "core/test_benchmarks.py": ("mortar",),
+    "core/test_demo.py": ("checks", "exporters", "mortar", "pages", "studies", "volume_loads"),
+    "core/test_fuel_rod.py": ("volume_loads",),
+    "plugins/local/test_subspaces.py": ("theorems",),
+    "core/test_output_bounds.py": ("stress",),
+    "core/test_outputs.py": ("stress",),
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
+    "plugins/greedy/test_restriction.py": ("mortar",),
+    "plugins/inelastic/test_condensed_flow.py": ("volume_loads",),
+    "plugins/inelastic/test_condensed_stress.py": ("volume_loads",),
+    "plugins/inelastic/test_flow_heat.py": ("volume_loads",),
+    "plugins/inelastic/test_force_correction.py": ("volume_loads",),
+    "plugins/inelastic/test_indentation.py": ("mortar",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
 }

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 
 OURS = tuple(
@@ -21,3 +22,12 @@ def needs(*plugins):
 def present(*plugins):
     """True if all of them are installed."""
     return set(plugins) <= registry.installed().keys()
+
+
+def mortar(*surfaces, **options):
+    """A mortar pair, of a plug-in, which is asked for when a scene is made."""
+    return hhr.Mortar(*surfaces, **options)
+
+
+MORTAR = pytest.param(mortar, id="Mortar", marks=needs("mortar"))
+"""It as a case of a test."""

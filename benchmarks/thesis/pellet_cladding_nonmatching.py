@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}
 """Errors of the thesis at the point, section 5.3.2."""
-PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "mortar": hhr.Mortar, "double_pass": hhr.DoublePass}
+PAIRINGS = {"node_to_surface": "NodeToSurface", "mortar": "Mortar", "double_pass": "DoublePass"}
 VIEW = dataclasses.replace(matching.VIEW, points=(POINT,))
 
 
 def scene(pairing: str = "node_to_surface", bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
     """The scene in mm and MPa; the mesh options are those of :func:`geometry.pellet_cladding`."""
     base = matching.scene(bottom, **{"cladding_axial_cells": 76, **mesh_options})
-    side = PAIRINGS[pairing](geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0))
+    side = getattr(hhr, PAIRINGS[pairing])(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0))
     return dataclasses.replace(base, name="pellet_cladding_nonmatching", contacts=(side, *base.contacts[1:]))
 
 

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity, kron, vstack
@@ -107,6 +108,33 @@ def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
+class Reshaping(Protocol):
+    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again.
+
+    Attributes:
+        axes: indices of the parameters of shapes.
+        described: all formulas, for fingerprints.
+    """
+
+    axes: tuple[int, ...]
+    described: str
+
+    def __call__(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many conditions."""
+
+    def at(self, point: np.ndarray) -> AbstractContextManager[None]:
+        """Context in which the mesh has the shape of a point; elsewhere it has that of the middle of the box."""
+
+    def attached(self, problem: ContactProblem) -> ContactProblem:
+        """The problem in the middle of the box with this in ``reshaped``."""
+
+    def system(self, problem: ContactProblem, *makers: Any) -> Any:
+        """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
+
+    def outputs(self, problem: ContactProblem) -> Any:
+        """Outputs of the scene, :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`."""
+
+
 @dataclass(frozen=True)
 class ContactProblem:
     """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
@@ -143,9 +171,7 @@ class ContactProblem:
     moduli: tuple[Modulus, ...] = ()
     # each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty
     lift_terms: tuple[csc_matrix, ...] = ()
-    # maps a point, (P,), to the problem on the mesh there, with changed gaps, rows and loads, and has a string
-    # ``described``; None if the mesh does not depend on parameters
-    reshaped: Any = None
+    reshaped: Reshaping | None = None  # makes the problem on the mesh of a point; None if the mesh does not move
     kernel: Kernel | None = None  # motions on which K is singular; None if imposed displacements hold all bodies
     # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None

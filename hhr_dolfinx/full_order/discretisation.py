@@ -48,6 +48,7 @@ class Discretisation(DiscreteSpace):
     """Finite element model of a scene: matrices, loads and contact conditions on its mesh.
 
     Raises:
+        NotOfferedError: for shapes, if no installed plug-in deforms meshes.
         SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
             conflicting displacements.
     """
@@ -61,9 +62,8 @@ class Discretisation(DiscreteSpace):
             if item.field is not None
         }
         if scene.shapes:
-            from hhr_dolfinx.full_order.reshaped import Reshaped
-
-            self.reshaped = Reshaped(self)
+            what = f"scene '{scene.name}', whose shapes depend on parameters,"
+            self.reshaped = registry.tool("shapes", what)(self)
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""

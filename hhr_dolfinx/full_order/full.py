@@ -34,12 +34,11 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
@@ -108,7 +107,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
-    def _prepared_outputs(self) -> Functionals | FullShapeFunctionals | None:
+    def _prepared_outputs(self) -> Functionals | ShapeFunctionals | None:
         if not self.scene.outputs:
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of
@@ -430,7 +429,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return forces, self.functionals.at(answer.parameter).measured(field)
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """The displacement, see :class:`~models.functionals.functional.ShapedFields`."""
+        """The displacement, on which rows of outputs act where shapes are parameters."""
         return self.displacement(answer)
 
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """System of equations of a scene: K, loads, gaps and contact rows at any point of its parameters.
 
-Subclasses differ in how they obtain K: constant; a multiple of K of each body; a sum of parts that is factored;
-assembled again for another shape. A user-defined class, ``Scene(system=...)``, adds another one.
+Subclasses differ in how they obtain K: constant; a multiple of K of each body; a sum of parts that is factored. The
+plug-in of shapes and user-defined classes, ``Scene(system=...)``, add others.
 """
 
 from __future__ import annotations
@@ -26,10 +26,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
 
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
-
-DIFFERENCE = 1e-5
-"""Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
-round-off of the assembly dominates."""
 
 
 @dataclass(eq=False, slots=True)  # one for each query
@@ -212,27 +208,6 @@ class SummedSystem(_OfParts):
         return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
 
 
-class ReassembledSystem(_OfParts):
-    """Assembled on the mesh of each point, with other rows and gaps; ``problem.reshaped`` has its parts."""
-
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
-        problem = self.problem.at(point)
-        return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
-
-    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`System`; by central differences of the equations on slightly displaced meshes."""
-
-        def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
-            problem = self.problem.at(displaced)
-            theta = problem.amplitudes(displaced)
-            residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
-            return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
-
-        found = self.problem.parameters.differences(residual_and_slack, point, DIFFERENCE)
-        return found[: unknown.size], found[unknown.size :]
-
-
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
     """The system of a problem: the only function that checks which of its data depend on parameters.
 
@@ -250,7 +225,7 @@ def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers
             raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
         return found
     if problem.reshaped is not None:
-        return ReassembledSystem(problem, *makers)
+        return problem.reshaped.system(problem, *makers)
     if not problem.moduli:
         return ConstantSystem(problem, *makers)
     bodies = ScaledBodies.of(problem)

@@ -66,7 +66,7 @@ class LinearDisplacement(ABC):
         return forces, per_column @ self._coordinate_changes(answer, changes) + per_term @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """x and amplitudes of imposed displacements, see :class:`~models.functionals.functional.ShapedFields`."""
+        """x and amplitudes of imposed displacements, on which rows of outputs act where shapes are parameters."""
         return np.concatenate([self._coordinates(answer), theta[self.functionals.lifted]])
 
     def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

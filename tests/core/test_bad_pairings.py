@@ -8,6 +8,7 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
+from needs import MORTAR, needs
 from scenes import check_contact_conditions
 from test_pairings import concentric_arcs, shrink_fit
 from test_pairings_independent import chain, make
@@ -35,7 +36,7 @@ def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
         hhr.FullOrderModel(patch.scene(pairing, by_normal=by_normal, shift=2.5))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_slave_nodes_beyond_the_edge_are_named_and_left_out(pairing):
     """Upper block moved by 0.3: nodes at x = 1.1 and 1.3 hang over; a mortar row needs some cover only."""
     with pytest.warns(PairingWarning, match=r"beyond the edge.*\[1\.[13]"):
@@ -72,7 +73,7 @@ def test_facets_without_area(broken, message):
         built(geometry=lambda comm: two_blocks.two_blocks(comm, **boxes, warp=collapse))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_an_overlap_larger_than_a_cell_is_named(pairing):
     with pytest.warns(PairingWarning, match=r"overlap at surface 210 exceeds a cell.*\(0\.4\) at \[1\.[56]"):
         hhr.FullOrderModel(shrink_fit(pairing, 4, interference=0.4))
@@ -132,7 +133,7 @@ def strips(pairing, cells, gap, thickness=0.02):
 
 
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning", "ignore::hhr_dolfinx.errors.SceneWarning")
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, hhr.DoublePass])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("cells", [(20, 1), (20, 2), (6, 5, 1)])
 @pytest.mark.parametrize("gap", [0.01, -0.005])
 def test_back_sides_never_meet(pairing, cells, gap):
@@ -146,7 +147,7 @@ def test_back_sides_never_meet(pairing, cells, gap):
     assert forces.any() == (gap < 0)
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_back_sides_alone_are_refused(pairing):
     """The outer sides of two blocks that touch, which lie two heights behind each other; cells are 1/3 and 1/4 high."""
     scene = patch.scene(pairing, by_normal=False)
@@ -155,6 +156,7 @@ def test_back_sides_alone_are_refused(pairing):
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pairing(*tags),)))
 
 
+@needs("mortar")
 def test_a_way_through_the_own_body_is_none():
     """The slave's upper plate stands between its lower one and the master."""
     x = np.linspace(0, 1, 5)
@@ -170,7 +172,7 @@ def test_a_way_through_the_own_body_is_none():
     assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("counts", [(12, 17), (20, 23)])
 def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
     """Rings pressed together: the mean pressure is that of Lamé where nothing is said, and far off where it is.

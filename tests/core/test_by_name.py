@@ -278,5 +278,5 @@ def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkey
         find("pairings", "Twice")
     with pytest.raises(SceneError, match=r"'Leaves' .* cannot be loaded: SystemExit: 3"):
         find("pairings", "Leaves")
-    assert find("pairings", "Same") == {} and find("pairings", "Mortar") is hhr.Mortar
-    assert names("pairings")["Mortar"] == "hhr_dolfinx"
+    assert find("pairings", "Same") == {} and find("pairings", "Obstacle") is hhr.Obstacle
+    assert names("pairings")["Obstacle"] == "hhr_dolfinx"

@@ -174,7 +174,7 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear):
             hhr.FullOrderModel(dataclasses.replace(made, **changes))
 
 
-@needs("sliding")
+@needs("conformance", "sliding")
 def test_pairs_that_slide_refuse_it_by_name(wear):
     from hhr_dolfinx import testing
 
@@ -211,6 +211,7 @@ class Nameless(my_contact_law.Wearing):
         return []
 
 
+@needs("conformance")
 @pytest.mark.parametrize(("variant", "wrong"), [
     (Absent, "off the loads"), (Untold, "a gradient is asked for"), (Bare, "folders of snapshots would mix"),
 ])  # fmt: skip

@@ -61,7 +61,7 @@ def test_the_page_says_what_is_refused(cases):
     assert len(kinds) < 26 or page == made
 
 
-@needs("moduli")
+@needs("shapes")
 def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
     """No row of theirs measures a displacement; full and condensed models agree as they do in their forces."""
     training = contract.training("shape")

@@ -86,7 +86,7 @@ def test_everything_optional_has_its_extra():
     assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == OPTIONAL.keys() - {"doors"}
 
 
-OF_PLUGINS = {"doors": "doors", "local": "local", "pictures": "checks", "tables": "tables"}
+OF_PLUGINS = {"doors": "doors", "local": "local", "mortar": "mortar", "pictures": "checks", "tables": "tables"}
 """Extras of plug-ins alone."""
 
 

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
-from needs import needs
+from needs import MORTAR, needs, present
 from scenes import slope, space
 from test_pairings_independent import make
 
@@ -71,8 +71,9 @@ def kinds(dim):
     for name, normal in (("", None), (" along n", tuple(down))):
         found["node to surface" + name] = hhr.NodeToSurface(1, 2, normal)
         found["double pass" + name] = hhr.DoublePass(1, 2, normal)
-        found["mortar" + name] = hhr.Mortar(1, 2, normal)
-        found["standard mortar" + name] = hhr.Mortar(1, 2, normal, multipliers="standard")
+        if present("mortar"):
+            found["mortar" + name] = hhr.Mortar(1, 2, normal)
+            found["standard mortar" + name] = hhr.Mortar(1, 2, normal, multipliers="standard")
     return found
 
 
@@ -196,7 +197,7 @@ def pressed_squares(pairing, dim, *, whole, simplices=False):
     )
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 @pytest.mark.parametrize(("dim", "simplices"), CELLS)
 def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplices):
     """On matching meshes, where all pairings have it; to the round-off of a solution, 1e-9 of 10."""
@@ -207,7 +208,7 @@ def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplic
     assert dict(answer.outputs()) == pytest.approx({"pressure": 10.0, "force": 10.0}, abs=1e-8)
 
 
-@needs("checks")
+@needs("checks", "mortar")
 def test_a_check_says_how_much_of_a_surface_faces_nothing():
     """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the other one."""
     from hhr_dolfinx.plugins.checks.check import check_scene

@@ -63,6 +63,7 @@ def pressed_together(hypothesis, multipliers):
     )
 
 
+@needs("mortar")
 @pytest.mark.parametrize("multipliers", ["standard", "dual"])
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
 def test_slave_rows_of_mortar_are_the_assembled_coupling(hypothesis, multipliers):

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs, present
+from needs import needs
 from scenes import block_scene, slope, space
 
 import hhr_dolfinx as hhr
@@ -114,6 +114,7 @@ def test_a_linear_field_goes_on_inside():
         hhr.FullOrderModel(shearing(turn, fields, turn), MPI.COMM_SELF)
 
 
+@needs("shapes")
 def test_fields_know_the_mesh_before_shapes_move_it():
     scene = shearing(None, None, ("0 * x", "-x"), gap=0.02)
     wide = hhr.Shape(block.SOLID, ("wide * x", "y"))
@@ -124,14 +125,12 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     corner = np.linalg.norm(points - (2.0, 1.0), axis=1).argmin()
     np.testing.assert_allclose(answer.displacement().reshape(-1, 2)[corner], (0.0, -0.1), atol=1e-14)
     assert answer.active.any()
-    if not present("moduli"):
-        return
     # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what varies
     found, exact = (model.solve((0.07, 1.3)) for model in (hhr.condense(full, fields=True), full))
     np.testing.assert_allclose(found.displacement(), exact.displacement(), atol=1e-7)
 
 
-@needs("friction")
+@needs("friction", "mortar", "shapes", "volume_loads")
 def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
     """What slips as a whole bears f times the pressure at its radius, less what slip along the axis takes."""
     import press_fit_torque

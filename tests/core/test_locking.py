@@ -120,7 +120,7 @@ def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
 
 def distorted(dim):
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
-    return patch.scene(hhr.Mortar, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+    return patch.scene(hhr.NodeToSurface, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
 
 
 def with_bodies(scene, **changes):

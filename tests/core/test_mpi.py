@@ -14,6 +14,7 @@ from needs import needs, present
 
 PROGRAM = """
 import dataclasses, json, sys, warnings, weakref
+from needs import present
 sys.path[:0] = {folders!r}
 import numpy as np
 import contact_patch_test as patch
@@ -85,7 +86,7 @@ numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
 pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
 note("condensed", hhr.condense(pressed).solve([0.2, 50.0]))
 # so large that ranks leave what is none of S beside it
-larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
+larger = hhr.FullOrderModel(sphere_on_block.scene(pairing, sphere_cells=(20, 10), block_cells=(15, 7)))
 out["larger S"] = larger.schur[::20].ravel().tolist()
 out["larger norm"] = float(np.linalg.norm(larger.solve([0.2, 50.0]).displacement()))
 # what blocks of solutions were written into, once they are let go
@@ -115,16 +116,17 @@ compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block
 note("compressed", compressed.solve([0.2, 50.0]))
 sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
-for name, pairing in patch.PAIRINGS.items():
+pairings = {{name: kind for name, kind in patch.PAIRINGS.items() if present("mortar") or "mortar" not in name}}
+for name, kind in pairings.items():
     for dim in (2, 3):
         cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
-        turned = patch.scene(pairing, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+        turned = patch.scene(kind, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
         model = hhr.FullOrderModel(turned)
         out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
         out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
         out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
 
-mixed = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
+mixed = patch.scene(pairing, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
 mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
 scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
           "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
@@ -156,7 +158,7 @@ off = float(np.linalg.norm(reduced.forces() - exact.forces()))
 out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
 out["side by side"] = [item["stage"] for item in together.log.skipped].count("problems side by side")
 """,
-    "inelastic": """
+    "inelastic mortar": """
 import flowing as pellets
 import indentation
 import pellet_cladding_plastic as pellet
@@ -280,7 +282,7 @@ ELSEWHERE = {
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp("snapshots"))
-    parts = (PROGRAM, *(part for plugin, part in OF_PLUGINS.items() if present(plugin)), SHOWN)
+    parts = (PROGRAM, *(part for plugins, part in OF_PLUGINS.items() if present(*plugins.split())), SHOWN)
     program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
     return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
@@ -331,7 +333,7 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
 
 
-@needs("inelastic")
+@needs("inelastic", "mortar")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     """Where ranks fail in several ways what is no matter of smaller steps counts more: none tries again by itself.

@@ -33,7 +33,9 @@ def pellet():
     return hhr.train(demo.scene(**MESH), [12, 10], held_out=10, comm=MPI.COMM_SELF)
 
 
-@pytest.fixture(scope="module", params=["node_to_surface", "mortar", "double_pass"])
+@pytest.fixture(
+    scope="module", params=["node_to_surface", pytest.param("mortar", marks=needs("mortar")), "double_pass"]
+)
 def problem(request):
     """Problems of all pairings whose rows interpolate."""
     return hhr.FullOrderModel(demo.scene(request.param, **MESH), MPI.COMM_SELF).problem
@@ -67,6 +69,7 @@ def check_closed(problem, asked, sets):
         assert own.size == 0 or in_A[own].all() == (row in sets.A_lambda)
 
 
+@needs("mortar")
 def test_overlapping_rows_grow_to_the_whole_surface(standard):
     """Standard multipliers leave no place to cut; dual ones do."""
     asked = standard.contact_slaves[[8]]
@@ -261,7 +264,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
 
 
 @needs("studies")
-@pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
+@pytest.mark.parametrize("pairing", ["node_to_surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
     if pairing == "mortar":

@@ -71,6 +71,7 @@ def test_what_is_not_built_in_is_refused(change, message):
         hhr.Body(block.SOLID, **({"young": 1.0, "poisson": 0.3, "stress": hooke} | change))
 
 
+@needs("stress")
 def test_plane_stress_and_outputs_that_need_moduli():
     with pytest.raises(SceneError, match=r"a stress of their own: .* not in plane stress"):
         own(pressed_block("plane_stress"), hooke)

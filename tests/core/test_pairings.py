@@ -7,6 +7,7 @@ import hertz_half_discs
 import numpy as np
 import pytest
 import sphere_on_block as sphere
+from needs import MORTAR, mortar, needs
 from scenes import check_contact_conditions
 
 import hhr_dolfinx as hhr
@@ -21,7 +22,8 @@ MESHES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("pairing", [hhr.Mortar, STANDARD])
+@needs("mortar")
+@pytest.mark.parametrize("pairing", [mortar, STANDARD])
 @pytest.mark.parametrize(("lower", "upper", "simplices"), MESHES)
 def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
     """Round-off times cond(K): at most 1e-11 was seen."""
@@ -30,13 +32,14 @@ def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
     assert stress < 1e-10
 
 
+@needs("mortar")
 @pytest.mark.parametrize("slave", [two_blocks.FIRST, two_blocks.SECOND])
 def test_mortar_patch_test_in_any_direction(slave):
     """The normal found by the pairing itself and the one it is given."""
     for dim in (2, 3):
         for by_normal in (True, False):
             built = patch.scene(
-                hhr.Mortar, (3,) * dim, (4,) * dim, angle=0.1 * np.sqrt(2), by_normal=by_normal, slave=slave
+                mortar, (3,) * dim, (4,) * dim, angle=0.1 * np.sqrt(2), by_normal=by_normal, slave=slave
             )
             assert patch.solve(built)[1] == pytest.approx(1.0, abs=1e-10)
 
@@ -58,7 +61,7 @@ def hertz_with(pairing, by_normal=True):
     return hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
     """On curved surfaces that face each other node by node all rows are those of node to node, to round-off."""
     other = hertz_with(pairing)
@@ -67,6 +70,7 @@ def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
         assert other.solve(mu).forces() == pytest.approx(hertz.solve(mu).forces(), abs=1e-10)
 
 
+@needs("mortar")
 def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_touch():
     """Their gaps are averages over neighbours, so that nodal answers differ only where contact begins."""
     solved = {}
@@ -81,7 +85,7 @@ def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_tou
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("by_normal", [True, False])
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, STANDARD])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, pytest.param(STANDARD, marks=needs("mortar"))])
 def test_rotation_changes_no_scalar(pairing, by_normal, dim):
     """Forces, gaps, energy and the size of the displacement, on a curved gap, to 1e-10."""
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
@@ -133,7 +137,7 @@ def lame_pressure(interference):
     return interference / (2 * (inner + outer))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_lame_shrink_fit_converges(pairing, simplices):
     """Mean interface pressure on non-matching meshes: rate 2, and within 0.5 % on 16 cells across."""
@@ -149,12 +153,14 @@ def test_lame_shrink_fit_converges(pairing, simplices):
     assert 1.8 < np.log2(errors[-2] / errors[-1]) < 2.4
 
 
+@needs("mortar")
 def test_mortar_interface_pressure_is_that_of_lame_at_every_node():
-    full_order = hhr.FullOrderModel(shrink_fit(hhr.Mortar, 16))
+    full_order = hhr.FullOrderModel(shrink_fit(mortar, 16))
     pressure = full_order.solve(0.0).forces() / full_order.problem.contact_areas
     assert pressure == pytest.approx(lame_pressure(1e-6), rel=5e-3)
 
 
+@needs("mortar")
 def test_hertz_sphere():
     """Contact radius and peak pressure within 5 % of Hertz on a coarser mesh than the demo's."""
     full_order = hhr.FullOrderModel(sphere.scene(sphere_cells=(16, 7), block_cells=(12, 6)))

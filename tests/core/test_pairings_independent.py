@@ -9,6 +9,7 @@ import itertools
 
 import numpy as np
 import pytest
+from needs import needs
 from scipy.integrate import quad
 from test_nonmatching import check_closed
 
@@ -241,6 +242,7 @@ def test_sides_of_the_slave_do_not_face_the_master():
     assert rows.points[:, 1].min() == 0  # those on the side have y < 0
 
 
+@needs("mortar")
 def test_mortar_normal_at_a_corner_of_the_slave():
     rows = rows_of(hhr.Mortar(1, 2), *l_shaped_slave())
     np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
@@ -291,6 +293,7 @@ def test_double_pass_has_full_rank():
         assert len(matrix) == (values > 1e-9).sum() == np.linalg.matrix_rank(matrix, tol=1e-9)
 
 
+@needs("mortar")
 @pytest.mark.parametrize("multipliers", ["dual", "standard"])
 @pytest.mark.parametrize("axisymmetric", [False, True])
 def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmetric):
@@ -366,6 +369,7 @@ def facet_loads(points, facets):
     return out
 
 
+@needs("mortar")
 @pytest.mark.parametrize("multipliers", ["dual", "standard"])
 @pytest.mark.parametrize("triangles, jitter", [(True, 0.0), (True, 0.3), (False, 0.0), (False, 0.25)])
 def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
@@ -389,6 +393,7 @@ def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
             assert (touched.sum(axis=1) == 1).all()
 
 
+@needs("mortar")
 @pytest.mark.parametrize("part", [0.5, 0.01])
 def test_dual_rows_touch_one_slave_on_hardly_covered_facets(part):
     a, b = grid(3, 3, 0.0), grid(4, 4, 0.1, (0, 0), (2 / 3 + part / 3,) * 2)
@@ -407,6 +412,7 @@ def stack_of_thin_plates():
     return slave, master, points
 
 
+@needs("mortar")
 def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
     rows = rows_of(hhr.Mortar(1, 2), *stack_of_thin_plates())
     np.testing.assert_allclose(rows.areas.sum(), 2, rtol=1e-12)
@@ -434,14 +440,17 @@ def test_facets_inside_the_mesh_are_refused():
 
 # ------------------------------------------------------------------------------------------------------ RID
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("kind", ["slave 1", "slave 2", "dual", "standard", "double"])
+@pytest.mark.parametrize(
+    "kind", ["slave 1", "slave 2", *(pytest.param(k, marks=needs("mortar")) for k in ("dual", "standard")), "double"]
+)
 def test_reduced_domains_are_closed(dim, kind):
     rng = np.random.default_rng(6)
     one, two = side(1, dim - 1, True), side(2, dim - 1, False)
     pairing = {
-        "slave 1": hhr.NodeToSurface(one, two), "slave 2": hhr.NodeToSurface(two, one), "dual": hhr.Mortar(one, two),
-        "standard": hhr.Mortar(one, two, None, "standard"), "double": hhr.DoublePass(one, two),
-    }[kind]  # fmt: skip
+        "slave 1": lambda: hhr.NodeToSurface(one, two), "slave 2": lambda: hhr.NodeToSurface(two, one),
+        "dual": lambda: hhr.Mortar(one, two), "standard": lambda: hhr.Mortar(one, two, None, "standard"),
+        "double": lambda: hhr.DoublePass(one, two),
+    }[kind]()  # fmt: skip
     first, second = ((14, 8), (9, 6)) if dim == 2 else ((5, 5, 3), (4, 4, 3))
     low, high = (0.0,) * dim, (1.0,) * dim
     base, top = (-0.1,) * (dim - 1) + (1.1,), (1.1,) * (dim - 1) + (2.1,)

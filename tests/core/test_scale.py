@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix
 
@@ -57,6 +57,7 @@ def test_answers_are_the_same(name, monkeypatch):
     assert lean.keeps_columns or not lean.stiffness.has_response
 
 
+@needs("stress")
 def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
     """Forces and outputs from a file too; a displacement where the factors are."""
 
@@ -87,9 +88,15 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         again.displacement()
 
 
+def pressed_by_sphere(sphere, block):
+    """Of mortar, if there is any; what is tested here does not depend on it."""
+    pairing = hhr.Mortar if present("mortar") else hhr.NodeToSurface
+    return sphere_on_block.scene(pairing, sphere_cells=sphere, block_cells=block)
+
+
 def pressed_sphere(*outputs, cells=8, moduli=False):
     """A scene in space of some hundred conditions."""
-    plain = sphere_on_block.scene(sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2))
+    plain = pressed_by_sphere((cells, cells // 2), (cells - 2, cells // 2))
     if not moduli:
         return dataclasses.replace(plain, outputs=outputs)
     bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(plain.bodies))
@@ -98,6 +105,7 @@ def pressed_sphere(*outputs, cells=8, moduli=False):
     return dataclasses.replace(plain, bodies=bodies, parameters=space, outputs=outputs)
 
 
+@needs("stress")
 def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     """Hyper-reduction and its estimates take a solution for each mode in the place of one for each row."""
     tag = sphere_on_block.geometry.SPHERE
@@ -114,6 +122,7 @@ def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     assert not lean.stiffness.has_response
 
 
+@needs("stress")
 def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
     """A largest stress has six rows for each cell: values and derivatives by one more solution each."""
     kept, lean = both(lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch)
@@ -232,7 +241,7 @@ def test_a_check_says_what_a_large_scene_takes(tmp_path):
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     def told(cells):
-        scene = sphere_on_block.scene(sphere_cells=(cells, cells // 2), block_cells=(cells, cells // 2))
+        scene = pressed_by_sphere((cells, cells // 2), (cells, cells // 2))
         texts = [finding.text for finding in check_scene(scene).findings]
         return next(text for text in texts if "conditions of contact" in text)
 

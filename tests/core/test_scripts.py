@@ -141,17 +141,23 @@ CHECKS = {
 }
 """What reports must hold besides."""
 OF_PLUGINS = {
-    "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"),
-    "calculix": ("exporters",), "calibrate": ("moduli",),
-    "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
-    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding", "tables"),
-    "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
-    "friction_pellet": ("friction", "moduli"), "friction_random": ("friction",), "fuel_rod": ("moduli",),
-    "greedy_training": ("greedy", "moduli"), "history_indicator": ("inelastic",), "indentation": ("inelastic",),
-    "local_models": ("greedy", "local", "moduli", "theorems"), "pellet_cladding_plastic": ("inelastic",),
-    "one_call": ("friction", "inelastic", "moduli", "one_call"), "pellet_materials": ("moduli",),
-    "press_fit": ("moduli",), "press_fit_torque": ("friction",), "random_recipes": ("baselines",),
-    "scale": ("moduli",), "sliding_punch": ("sliding", "friction"),
+    "benchmarks": ("mortar",),
+    "bolted_joint": ("checks", "exporters", "moduli", "mortar", "one_call", "pages", "volume_loads"),
+    "calculix": ("exporters", "mortar"), "calibrate": ("moduli",),
+    "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
+    "contact_patch_test": ("mortar",),
+    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables"),
+    "extreme_cases": ("baselines", "inelastic", "mortar"), "fretting": ("friction",), "friction": ("friction",),
+    "friction_flow": ("friction", "inelastic"), "friction_pellet": ("friction", "moduli"),
+    "friction_random": ("friction",), "fuel_rod": ("moduli", "volume_loads"), "greedy_training": ("greedy", "moduli"),
+    "history_indicator": ("inelastic",), "indentation": ("inelastic", "mortar"),
+    "local_models": ("greedy", "local", "moduli", "theorems"),
+    "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "shapes", "volume_loads"),
+    "pellet_cladding_plastic": ("inelastic",), "pellet_materials": ("moduli",),
+    "press_fit": ("moduli", "mortar", "shapes", "volume_loads"),
+    "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"), "random_recipes": ("baselines",),
+    "scale": ("moduli", "mortar"), "second_order": ("mortar",), "sliding_punch": ("sliding", "friction"),
+    "sphere_on_block": ("mortar",),
 }  # fmt: skip
 """Plug-ins that scripts need, besides that of studies."""
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
-from needs import needs
+from needs import MORTAR, needs
 from scenes import stacked
 from second_order import bowl, rings
 from test_locking import FAR
@@ -31,7 +31,10 @@ pressed = partial(stacked, order=2)
 
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("pairing", ["node to node", "node to surface", "double pass", "mortar", "obstacle"])
+@pytest.mark.parametrize(
+    "pairing",
+    ["node to node", "node to surface", "double pass", pytest.param("mortar", marks=needs("mortar")), "obstacle"],
+)
 def test_a_constant_pressure_passes(dim, simplices, pairing):
     """Patch test: 5e-12 was measured. Areas are positive, also at the corners of six-node triangles."""
     full = hhr.FullOrderModel(pressed(dim, simplices, pairing, alike=pairing != "mortar"), MPI.COMM_SELF)
@@ -51,6 +54,7 @@ def test_forces_on_tetrahedra_are_four_times_as_good_with_as_many_unknowns():
     assert errors[1] < 0.004 and errors[0] > 4 * errors[1]
 
 
+@needs("checks")
 @pytest.mark.parametrize(("cells", "order", "stress", "peak"), [(6, 1, 0.252, 0.068), (6, 2, 0.045, 0.024)])
 def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
     """Beside hexahedra of second order, 46,875 dofs: the estimates were .261 and .073, .040 and .056."""
@@ -63,6 +67,7 @@ def test_the_error_of_the_mesh_is_estimated(cells, order, stress, peak):
     assert np.isnan(away.peak_pressure)
 
 
+@needs("checks")
 def test_no_error_where_the_mesh_leaves_nothing_out():
     """A constant stress: recovered it is what it was."""
     full = hhr.FullOrderModel(pressed(2, True, "node to node"), MPI.COMM_SELF)
@@ -143,7 +148,7 @@ def test_pictures(training, tmp_path):
     assert {kind for kind in grid.celltypes.tolist()} == {70}
 
 
-@needs("friction")
+@needs("friction", "mortar")
 def test_friction_slips_with_its_coefficient():
     """All of it slips under a shear that it cannot bear: tangential forces are .2 of pressures, by mortar and nodes."""
     for pairing in (hhr.NodeToNode, hhr.Mortar):
@@ -164,7 +169,7 @@ def test_friction_slips_with_its_coefficient():
 @needs("moduli")
 @pytest.mark.filterwarnings("ignore:displacements are of second order:hhr_dolfinx.errors.PairingWarning")
 def test_shapes_as_parameters():
-    scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)))
+    scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)))
     training = hhr.train(scene, hhr.Sobol(8), held_out=0, comm=MPI.COMM_SELF)
     point = training.full_order.parameters.middle
     exact = training.full_order.solve(point).forces()
@@ -180,7 +185,7 @@ def test_rules_of_the_stiffness_have_positive_weights(cell, order):
 
 
 @needs("friction")
-@pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices):
     """Conditions name neighbours of their slave too: the distance is that between nodes of the master."""
@@ -237,6 +242,7 @@ def test_pressures_of_nodes_near_incompressibility_are_told_of():
         hhr.FullOrderModel(pressed(2, False, "node to node", bodies=stiff), MPI.COMM_SELF)
 
 
+@needs("mortar")
 @pytest.mark.parametrize("swapped", [False, True])
 def test_a_slave_beyond_the_edge_of_its_master(swapped):
     """Flat parts count that lie in front of the master: the force is that of mortar to 1 %."""
@@ -277,6 +283,10 @@ def test_wrong_orders_and_answers():
     for order in (3, 2.0, True, 0, "2"):
         with pytest.raises(SceneError, match="must be 1 or 2"):
             pressed(2, False, "node to node", order=order)
+
+
+@needs("checks")
+def test_the_error_of_the_mesh_is_that_of_an_answer_of_its_scene():
     full = hhr.FullOrderModel(pressed(2, False, "node to node"), MPI.COMM_SELF)
     other = hhr.FullOrderModel(pressed(2, False, "node to node", order=1), MPI.COMM_SELF).solve({"p": 0.5})
     with pytest.raises(ParameterError, match="of another scene or mesh"):

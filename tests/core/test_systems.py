@@ -126,6 +126,8 @@ OF_PLUGINS = {
     "fallback": "fallback",
     "reduce": "one_call",
     "greedy training": "greedy",
+    "error of the mesh": "checks",
+    "output that reads K": "stress",
     "naive full order": "baselines",
     "slide": "sliding",
     "study": "studies",

@@ -18,11 +18,10 @@ from threads import THREADS, at_once
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.errors import HHRError, OutsideTrainingError
-from hhr_dolfinx.full_order.reshaped import Reshaped
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU, dense_factors
 from hhr_dolfinx.reduction.exact import exact_condensation
-from hhr_dolfinx.shapes import coordinate_names
 
 pytestmark = pytest.mark.usefixtures("restless")
 
@@ -234,8 +233,11 @@ def test_a_full_model_and_its_answers_stay_in_their_process(hertz):
             pickle.dumps(item)
 
 
+@needs("shapes")
 def test_two_threads_at_two_shapes(monkeypatch):
     """Each has the B of its own shape, that with imposed dofs too: it was once left where the other thread took it."""
+    from hhr_dolfinx.plugins.shapes.reshaped import Reshaped
+
     x, y = coordinate_names("plane_strain")
     wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
     scene = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.2)}, matching=False,

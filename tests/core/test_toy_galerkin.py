@@ -27,7 +27,6 @@ from hhr_dolfinx.reduction import build as building
 from hhr_dolfinx.reduction.exact import ExactCondensation
 from hhr_dolfinx.reduction.reductor import Record, Reductor, Task, made, outcomes
 from hhr_dolfinx.registry import Plugin, Stage, Way
-from hhr_dolfinx.testing import check_reductor
 from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected, warn
 
@@ -74,7 +73,10 @@ def test_it_is_compared_and_refined(training, tmp_path):
     np.testing.assert_array_equal(again.solve(point).forces(), model.solve(point).forces())
 
 
+@needs("conformance")
 def test_it_keeps_the_contract():
+    from hhr_dolfinx.testing import check_reductor
+
     check_reductor(Galerkin(), [GalerkinFields])
 
 
@@ -85,6 +87,13 @@ def test_a_claim_that_the_comparison_denies_is_refused_by_name(training, liar, h
     apart = training if held_out else replace(training, held_out=None)
     with pytest.raises(ClaimError, match="Lying: its model calls itself exact and is off by"):
         apart.build(liar)
+
+
+@needs("conformance")
+@pytest.mark.parametrize("liar", LIES)
+def test_a_claim_that_is_wrong_breaks_the_contract(liar):
+    from hhr_dolfinx.testing import check_reductor
+
     with pytest.raises(AssertionError, match="calls itself exact and is off by"):
         check_reductor(liar, [Liar])
 

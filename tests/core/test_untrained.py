@@ -8,10 +8,10 @@ from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ReductionError, SceneError
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.shapes import coordinate_names
 
 OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 90.0)}
@@ -30,7 +30,7 @@ def scene(name, **changes):
     return pressed_pair("plane_strain", bodies, box, **more | changes)
 
 
-KINDS = ["constant", *(pytest.param(name, marks=needs("moduli")) for name in ("moduli", "shape"))]
+KINDS = ["constant", pytest.param("moduli", marks=needs("moduli")), pytest.param("shape", marks=needs("shapes"))]
 
 
 @pytest.fixture(scope="module", params=KINDS)

@@ -21,8 +21,6 @@ from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneE
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.parameters import ParameterSpace
 
-DIFFERENCE = 1e-4
-"""Step of the central differences over shapes, as a part of the box: their error is its square."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
 
@@ -92,36 +90,29 @@ class MeasuredFields(Protocol):
 
 
 class ShapeFunctionals(Protocol):
-    """All outputs of a scene whose shape depends on parameters.
+    """All outputs of a scene whose shape depends on parameters: :class:`Functionals` on each shape.
 
     Attributes:
         axes: indices of the shape parameters; empty for a scene without shapes.
-        parameters: the box of the parameters.
         items: one for each output, in the middle of the box.
         amplitudes: θ as a function of the parameters.
     """
 
     axes: np.ndarray
-    parameters: ParameterSpace
     items: tuple[Functional, ...]
     amplitudes: Amplitudes
 
     def at(self, point: np.ndarray) -> Functionals:
         """Outputs on the shape at a point, (P,)."""
 
+    def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
 
-class ShapedFields(Protocol):
-    """Interface of fields on bodies whose shape depends on parameters, instead of :class:`MeasuredFields`."""
+    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces and of these products, see :class:`MeasuredFields`."""
 
-    @property
-    def functionals(self) -> ShapeFunctionals | None:
-        """Outputs of the scene; None if it has none."""
-
-    def coordinates(self, answer: object, theta: np.ndarray) -> np.ndarray:
-        """Coordinates on which the rows of the outputs act, (s,): the displacement, or its components in a basis."""
-
-    def coordinate_changes(self, answer: object, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
+    def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
+        """Derivatives of all outputs along the shape parameters at fixed states, (outputs, P)."""
 
 
 class State(NamedTuple):
@@ -227,6 +218,18 @@ class Functionals:
         """Itself: no parameter changes the shape."""
         return self
 
+    def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
+        """See :class:`ShapeFunctionals`."""
+        return answer.fields.measured(answer, theta)
+
+    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`ShapeFunctionals`."""
+        return answer.fields.measured_changes(answer, changes)
+
+    def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
+        """Zero: no parameter changes the shape."""
+        return np.zeros((len(states), answer.parameter.size))
+
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
         """Rows of all outputs times a displacement, (N, ...): (K, ...)."""
         return self.rows @ coordinates
@@ -288,11 +291,9 @@ def outputs_of(answer: Any) -> Outputs:
     theta = np.zeros(amplitudes.firsts[-1])
     theta[given.terms] = given.values
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
-    coordinates = _NOTHING
     measured = _NOTHING
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
-        coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
-        measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
+        measured = whole.read(functionals, answer, theta)
     rest = answer.stress, answer.memory
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
@@ -301,12 +302,8 @@ def outputs_of(answer: Any) -> Outputs:
     acting, slopes = amplitudes.slopes_at(point)
     changes = np.zeros((theta.size, point.size))
     changes[acting] = slopes
-    if whole.axes.size:
-        of_forces, of_coordinates = fields.coordinate_changes(answer, changes)
-        of_measured = functionals.measured(of_coordinates)
-    else:
-        of_forces, of_measured = fields.measured_changes(answer, changes)
-    of_shape = _shape_slopes(whole, functionals, states, coordinates)
+    of_forces, of_measured = whole.read_changes(functionals, answer, changes)
+    of_shape = whole.along_shapes(functionals, answer, states)
     gradient = _Gradient()
     one_sided = answer.gradient.one_sided
     for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
@@ -319,24 +316,3 @@ def outputs_of(answer: Any) -> Outputs:
         gradient[item.name] = found + part.point if part.point.size else found
         one_sided = one_sided or part.kink
     return Outputs(values, units, gradient, one_sided)
-
-
-def _shape_slopes(
-    whole: ShapeFunctionals, functionals: Functionals, states: list[State], coordinates: np.ndarray
-) -> np.ndarray:
-    """Derivatives of all outputs along the shape parameters at fixed state, by differences, (outputs, P)."""
-    point = states[0].point
-    found = np.zeros((len(states), point.size))
-
-    def followed(shifted: np.ndarray) -> np.ndarray:
-        there = whole.at(shifted)
-        measured = there.measured(coordinates) if coordinates.size else _NOTHING
-        after = [
-            state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)
-        ]
-        every = zip(functionals.items, there.items, states, after, strict=True)
-        return np.array([item.followed(state, other, new) for item, other, state, new in every])
-
-    if whole.axes.size:
-        found[:, whole.axes] = whole.parameters.differences(followed, point, DIFFERENCE, whole.axes)
-    return found

@@ -1,4 +1,4 @@
-"""Checks of scenes before they are solved, and of the installation; figures of scenes and answers, and fields."""
+"""Checks of scenes before they are solved, and of the installation; the error of a mesh; figures and fields."""
 
 from hhr_dolfinx.registry import Plugin
 
@@ -6,7 +6,11 @@ _HERE = "hhr_dolfinx.plugins.checks"
 
 PLUGIN = Plugin(
     name="checks",
-    public={f"{_HERE}.fields": "write_fields"},
+    public={f"{_HERE}.fields": "write_fields", f"{_HERE}.mesh_error": "MeshError mesh_error"},
     commands={"check": f"{_HERE}.commands:check"},
-    tools={"drawing": f"{_HERE}.drawing:figure_of", "fields": f"{_HERE}.fields:write_fields"},
+    tools={
+        "drawing": f"{_HERE}.drawing:figure_of",
+        "fields": f"{_HERE}.fields:write_fields",
+        "mesh_error": f"{_HERE}.mesh_error:mesh_error",
+    },
 )

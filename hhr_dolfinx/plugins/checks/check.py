@@ -268,7 +268,7 @@ def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | 
     read = []
     for output in found.scene.outputs:
         with found.heard():
-            output.prepared(probe_of(output, found.meshed, problem, laws, problem))
+            output.prepared(probe_of(output, found.meshed, problem, laws))
             read.append(repr(output.name))
     if read:
         found.say(f"outputs: {', '.join(read)}")

@@ -106,7 +106,7 @@ COARSE = 0.1
 def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> None:
     """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.full_order.mesh_error import mesh_error
+    from hhr_dolfinx.plugins.checks.mesh_error import mesh_error
 
     if found.scene.reader or any(body.stress is not None for body in found.scene.bodies):
         found.note("the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")

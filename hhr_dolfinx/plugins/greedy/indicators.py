@@ -20,11 +20,11 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.contact.restriction import Restriction, restricted
 from hhr_dolfinx.errors import ReductionError, StudyError
-from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
+from hhr_dolfinx.plugins.greedy.restriction import Restriction, restricted
 from hhr_dolfinx.reduction.reductor import Task, made
 from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.snapshots.records import SnapshotSet

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals.functional import Functional, State
-from hhr_dolfinx.models.functionals.kinds import von_mises
 from hhr_dolfinx.models.histories.equilibrium import StressOutput
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 

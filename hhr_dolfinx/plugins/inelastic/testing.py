@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx import testing
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of
-from hhr_dolfinx.testing import OF_FUNCTIONS, ROUND_OFF, STEP, blaming, from_file, require
+from hhr_dolfinx.testing import OF_FUNCTIONS, OTHER_IN_A_FILE, ROUND_OFF, STEP, blaming, from_file, require
 
 WRONG = {
-    "file": testing.WRONG["file"],
+    "file": OTHER_IN_A_FILE,
     "idle": "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units",
     "alone": "flow at one point depends on other points: compute each entry of the arrays by itself",
     "zero": "it flows without stress: return 0 where the trial stress is 0",

@@ -16,8 +16,8 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
 from hhr_dolfinx.plugins.local.models import LEAF, Choice
+from hhr_dolfinx.plugins.local.subspaces import basis_distances, coordinates, snapshot_distances
 from hhr_dolfinx.reduction.modes import pod
-from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -90,7 +90,7 @@ def grid_cells(points: np.ndarray) -> GridCells:
 def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> list[np.ndarray]:
     """Orthonormal bases of cells, (N, a_j <= k) each: POD of the snapshots at their corners, (C, k), section 4.2.1.
 
-    Columns are snapshots, (N, S), or their :func:`~hhr_dolfinx.reduction.subspaces.coordinates`.
+    Columns are snapshots, (N, S), or their :func:`~hhr_dolfinx.plugins.local.subspaces.coordinates`.
 
     Raises:
         ReductionError: for a cell whose snapshots are all zero, and for errors of POD.

@@ -229,7 +229,7 @@ class _Run:
     def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
         """Halves of a part, cut between two clusters of its solutions; none after several cuts that did not help."""
         from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
-        from hhr_dolfinx.reduction.subspaces import snapshot_distances
+        from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 
         # zero displacements have no direction
         own = own[moving(self.snapshots.displacements[:, own])]

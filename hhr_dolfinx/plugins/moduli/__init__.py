@@ -1,4 +1,4 @@
-"""Elastic bodies whose stiffness or shape depends on parameters: S and K~^-1, interpolated between few of them."""
+"""Elastic bodies whose stiffness depends on parameters: S and K~^-1, interpolated between few of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ PLUGIN = Plugin(
         f"{_HERE}.interpolated": "Compliance Compliances InterpolatedFields PrimalModes",
         f"{_HERE}.interpolation": "Interpolant",
         f"{_HERE}.shaped": "InterpolatedProblem ReshapedElimination",
-        f"{_HERE}.shaped_functionals": "ReshapedFunctionals Zone",
     },
     reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
     stages=(Stage(f"{_HERE}.interpolate_reduced:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),

@@ -164,11 +164,12 @@ def _round_off(solver: Solver) -> float:
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
     """Tributary areas between shapes; None if they are constant."""
-    if problem.reshaped is None:
+    reshaped = problem.reshaped
+    if reshaped is None:
         return None
 
     def there(point: np.ndarray) -> dict[str, np.ndarray]:
-        return {"areas": problem.reshaped(point).contact_areas}
+        return {"areas": reshaped(point).contact_areas}
 
     return grown(there, problem.parameters, problem.reshaped.axes, SHAPE_GRID)[0].interpolant
 

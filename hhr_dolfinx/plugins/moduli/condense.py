@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -34,7 +34,6 @@ from hhr_dolfinx.plugins.moduli.interpolate_reduced import whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
-from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
@@ -45,8 +44,8 @@ from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
-    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
+    from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 
 ALONG = 4
@@ -328,10 +327,11 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
 
 def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Functionals | ReshapedFunctionals | None:
     """Outputs for displacements in a basis, (N, ell)."""
-    if full.problem.reshaped is None:
+    reshaped: Any = full.problem.reshaped
+    if reshaped is None:
         return plain_outputs(full)
-    prepared = cast("ShapeFunctionals | None", full.functionals)
-    return None if prepared is None else reshaped_functionals(prepared, full.problem, basis, settings)
+    prepared = full.functionals
+    return None if prepared is None else reshaped.interpolated_outputs(prepared, full.problem, basis, settings)
 
 
 def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:

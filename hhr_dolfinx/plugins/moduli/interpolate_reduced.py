@@ -84,6 +84,9 @@ def interpolated_problem(
 ) -> InterpolatedProblem:
     """Interpolate a projected problem over the parameters of a shape, for the fields of other models."""
 
+    reshaped = problem.reshaped
+    assert reshaped is not None
+
     def terms_of(there: ContactProblem) -> tuple[ReducedProblem, ReducedTerms]:
         reduced = project(there, basis, sets)
         if reduced.terms is not None:
@@ -93,7 +96,7 @@ def interpolated_problem(
         return reduced, ReducedTerms(reduced.stiffness[None], lifts, reduced.loads, (one,))
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        reduced, terms = terms_of(problem.reshaped(point))
+        reduced, terms = terms_of(reshaped(point))
         # parts are scaled by their size in the middle: else the error of a large one would dominate
         return {
             "stiffness": sizes[:, None, None] * terms.stiffness,

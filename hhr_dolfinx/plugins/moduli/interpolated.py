@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
-    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
+    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 
 TOGETHER_BYTES = 4e6

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from hhr_dolfinx.full_order.outputs import moduli_of, strains_of_cells
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
+from hhr_dolfinx.plugins.stress.mesh import moduli_of, strains_of_cells
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="sliding",
-    needs=("friction",),
+    needs=("friction", "mortar"),
     public={"hhr_dolfinx.plugins.sliding.slide": "slide"},
     classes={
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",

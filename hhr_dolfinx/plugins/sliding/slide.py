@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMises
-from hhr_dolfinx.pairings.mortar import Mortar
+from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
+from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
 from hhr_dolfinx.plugins.sliding.surface_dofs import SurfaceDofs, nodes_of, renumbered
@@ -27,8 +28,8 @@ from hhr_dolfinx.warn import ignored
 
 REPEATED = NodeToSurface, Mortar
 """Pairings that can be computed again as bodies slide."""
-OUTPUTS = (ContactForce, DisplacementAt, LinearForm, VonMises)
-"""Outputs that do not depend on the position of the surfaces."""
+OUTPUTS = (ContactForce, DisplacementAt, LinearForm)
+"""Outputs that do not depend on the position of the surfaces, as stresses do not."""
 
 
 def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
@@ -102,9 +103,11 @@ def _check(scene: Scene) -> None:
             f"scene '{scene.name}' has openings, shapes, or bodies that flow: they are not built in where surfaces "
             "slide past their mesh"
         )
+    places = registry.named("public")
+    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises",) if name in places))
     for output in scene.outputs:
-        if not isinstance(output, OUTPUTS):
-            names = ", ".join(kind.__name__ for kind in OUTPUTS)
+        if not isinstance(output, kinds):
+            names = ", ".join(kind.__name__ for kind in kinds)
             raise SceneError(
                 f"output '{output.name}' is not built in where surfaces slide past their mesh: {names} are; pressures, "
                 "slip and wear are in an answer's slip"

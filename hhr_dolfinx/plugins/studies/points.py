@@ -111,9 +111,8 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Repor
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
     """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
-    from hhr_dolfinx.full_order.mesh_error import mesh_error
-
     try:
+        mesh_error = registry.tool("mesh_error", "the error of the mesh")
         return {"discretisation": mesh_error(full, full.solve(full.parameters.middle))._asdict()}
     except HHRError as error:
         skipped.append({"stage": "discretisation", "why": str(error)})

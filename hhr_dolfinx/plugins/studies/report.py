@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
@@ -252,6 +253,12 @@ def _sizes_in_words(report: Report) -> str:
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
     )
+
+
+def _mesh_error_in_words(row: dict[str, float]) -> str:
+    """Sentence on the error of the mesh, the scale of all other errors; numbers where nothing estimates it any more."""
+    place = registry.named("public").get("MeshError")
+    return registry.load(place)(**row).in_words() if place else f"mesh: {row}"
 
 
 def _time_error_in_words(row: Report) -> str:

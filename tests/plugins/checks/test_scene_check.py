@@ -176,7 +176,9 @@ RESULTANTS = {
 }
 
 
-@pytest.mark.parametrize("name", RESULTANTS)
+@pytest.mark.parametrize(
+    "name", ["traction", "pressure", *(pytest.param(k, marks=needs("volume_loads")) for k in list(RESULTANTS)[2:])]
+)
 def test_resultants_of_a_block(name):
     """1.5 wide and 2 high: the amplitude is 1, whatever the load says."""
     make, wanted = RESULTANTS[name]
@@ -186,6 +188,7 @@ def test_resultants_of_a_block(name):
     assert values == pytest.approx(wanted, rel=1e-5, abs=1e-12)
 
 
+@needs("volume_loads")
 def test_a_load_that_reaches_nothing_is_a_mistake():
     load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0))
     (mistake,) = texts(check_scene(replace(pressed_block("plane_strain"), loads=(load,))), MISTAKE)
@@ -263,6 +266,7 @@ def test_loads_are_drawn_as_the_forces_that_they_are():
     assert (up[:, 0] == 0).all() and up[:, 1].min() >= 0 and 0 < up.sum() < 1
 
 
+@needs("volume_loads")
 def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in space too."""
     scene = your_scene.scene()

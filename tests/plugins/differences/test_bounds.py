@@ -85,6 +85,7 @@ def test_pellet():
         assert whole == (tolerance == 1e-5) and (np.median(parts[:, 0]) < 1e-9) == whole
 
 
+@needs("mortar")
 def test_sphere():
     full = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(8, 4), block_cells=(6, 4)))
     snapshots = hhr.compute_snapshots(full, full.parameters.random(8, 0))

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs
+from needs import MORTAR, needs, present
 from scenes import block_scene, slope, space
 from test_bounds import check, sizes_of
 from test_floating import scene
@@ -122,7 +122,6 @@ def test_loads_that_only_shear_are_refused_however_small_their_slope():
 
 
 PRESSED = hhr.Pressure(block.side(1, True), slope("s"))
-HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
 CASES = {
     "corner": (lone((FLOOR, WALL), (PRESSED, hhr.Pressure(block.side(0, False), slope("t"))), ("s", "t")),
                ((1, 1), (1, 1e-6), (1e-6, 1), (1, 0), (0, 1))),
@@ -131,9 +130,11 @@ CASES = {
                            openings=(hhr.Opening(1, 0.1),)), (0.5, 1.0)),
     "one component": (lone((FLOOR,), (PRESSED, hhr.Traction(block.side(0, True), (0, -1), slope("t"))), ("s", "t"),
                            displacements=(hhr.Displacement(block.side(0, False), 0),)), ((1, 1), (1, 0), (0, 1))),
-    "heated": (lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))),
-    "heated between": (lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)),
 }  # fmt: skip
+if present("volume_loads"):
+    HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
+    CASES["heated"] = lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))
+    CASES["heated between"] = lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -153,11 +154,8 @@ def test_without_loads_nothing_touches():
     assert np.ptp(heated.displacement().reshape(-1, 2)[:, 0]) == pytest.approx(1e-3 * 1.3, rel=1e-9)
 
 
-MORTAR = (hhr.Obstacle(side(1, 1, False), (0, -1), 0.0), hhr.Mortar(side(2, 1, False), side(1, 1, True)))
-
-
 @needs("local", "fallback")
-@pytest.mark.parametrize("how", ["node to surface", "mortar"])
+@pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
     contacts = {"contacts": MORTAR} if how == "mortar" else {}
     made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)), **contacts)

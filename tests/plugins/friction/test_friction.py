@@ -132,7 +132,9 @@ PAIRINGS = {
 }
 
 
-@pytest.mark.parametrize("name", PAIRINGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs("mortar") if name == "mortar" else ()) for name in PAIRINGS]
+)
 def test_all_that_slips_bears_coulomb_whatever_the_pairing(name):
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
     full = hhr.FullOrderModel(rubbing(pairing=PAIRINGS[name](faces)), MPI.COMM_SELF)
@@ -262,7 +264,7 @@ def test_moduli_and_the_coefficient_are_parameters():
     assert values["sticks"] + values["slips"] == pytest.approx(1.0)
 
 
-@needs("moduli")
+@needs("shapes")
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_shape_is_a_parameter(dimension):
     box = {"mu": (0.0, 0.8), "crown": (0.0, 0.05), "E": (1.0, 6.0)}
@@ -518,6 +520,10 @@ def test_what_is_not_built_in_says_so():
     assert model.known_error
     with pytest.raises(SceneError, match="no friction"):
         hhr.FullOrderModel(rubbing(None, outputs=OUTPUTS[:1]), MPI.COMM_SELF)
+
+
+@needs("mortar")
+def test_standard_multipliers_have_no_friction():
     with pytest.raises(SceneError, match="dual"):
         hhr.Mortar(1, 2, multipliers="standard", friction=0.3)
 

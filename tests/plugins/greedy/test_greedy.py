@@ -21,9 +21,9 @@ from toy_greedy import printed_greedy
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
-from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.plugins.greedy import greedy as module
 from hhr_dolfinx.plugins.greedy import indicators
+from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.greedy import Greedy, KeptChoice, independent
 from hhr_dolfinx.plugins.greedy.indicators import _Domain

@@ -7,6 +7,7 @@ import indentation
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
+from needs import needs
 from scenes import pressed_pair
 from test_flow_moduli import blocks, glued, pressed, push
 
@@ -188,6 +189,7 @@ def test_one_history_is_enough_for_itself(tubes):
     assert primal < 1e-2 and dual < 1e-2
 
 
+@needs("mortar")
 def test_a_sphere_pressed_into_a_block_and_drawn_off():
     """In space, with depth, yield stress, hardening and Young's modulus in between of what was trained."""
     full = hhr.FullOrderModel(indentation.scene(6, "E"))

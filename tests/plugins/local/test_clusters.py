@@ -7,7 +7,7 @@ from scipy import linalg
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.plugins.local.clusters import cell_bases, cell_labels, grid_cells, medoids, snapshot_labels
-from hhr_dolfinx.reduction.subspaces import basis_distances, grassmann_distance
+from hhr_dolfinx.plugins.local.subspaces import basis_distances, grassmann_distance
 
 
 def families(rng, sizes=(7, 5, 9), spread=0.05, rows=50):

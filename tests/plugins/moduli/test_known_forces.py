@@ -4,9 +4,11 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import largest_difference, pressed_pair
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.plugins.moduli import condense
@@ -16,7 +18,6 @@ from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 from hhr_dolfinx.plugins.moduli.known_forces import DiagonalBlock, KnownForces
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.reduction.reductor import Task, made
-from hhr_dolfinx.shapes import coordinate_names
 from hhr_dolfinx.snapshots.store import ArrayStore
 
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}
@@ -42,7 +43,7 @@ def shape():
     return condensed(((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False)
 
 
-@pytest.mark.parametrize("name", ["materials", "shape"])
+@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("shapes"))])
 def test_fields_are_those_of_an_elimination(name, request):
     """1e-9: round-off over the condition of K~, near 1e6 where nu is near one half."""
     model = request.getfixturevalue(name)
@@ -69,7 +70,7 @@ def test_a_block_of_other_parts_is_factored(materials, monkeypatch):
                               + materials.fields.lifts @ materials.fields.amplitudes(point), before) < 1e-9  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["materials", "shape"])
+@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("shapes"))])
 def test_outputs_of_forces_make_no_field(name, request, monkeypatch):
     """They took 25 times as long as the forces that they are made of."""
     model = request.getfixturevalue(name)

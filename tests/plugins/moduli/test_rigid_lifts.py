@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
@@ -71,6 +72,7 @@ def test_imposed_motions_that_strain_stay_on_the_imposed_dofs():
     assert dofs.size and not problem.free[dofs].any()
 
 
+@needs("stress")
 def test_outputs_read_the_same_of_a_body_that_is_lifted_as_a_whole():
     """Forces, gaps and energies, with their derivatives, beside those of a constant ratio, lifted on the top alone."""
     outputs = (hhr.ContactForce("force", 0, (0.0, 1.0)), hhr.GapAt("gap", 0, (1.5, 1.0)), hhr.ElasticEnergy("energy"))

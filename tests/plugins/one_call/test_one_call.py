@@ -126,7 +126,7 @@ def test_friction_without_paths_is_asked_at_points():
     assert model.reduction.met and model.law.plugin
 
 
-@needs("inelastic", "paths")
+@needs("inelastic", "mortar", "paths")
 @pytest.mark.slow
 def test_bodies_that_flow_are_answered_along_paths():
     import indentation
@@ -316,6 +316,7 @@ def test_large_strains_are_told_of(push):
         hhr.reduce(dataclasses.replace(contract.blocks(), parameters=box), 0.01, of="forces")
 
 
+@needs("shapes")
 def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_point():
     wider = ("1 + (x - 1) * (1 + wide * (x - 1))", "y")
     shapes = tuple(hhr.Shape(body, wider) for body in (two_blocks.FIRST, two_blocks.SECOND))

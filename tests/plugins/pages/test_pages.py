@@ -141,7 +141,7 @@ SCENES = {
     ),
     "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
     "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
-    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
+    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
 }
 MORE = {
@@ -155,7 +155,11 @@ OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 
 def marked(*names):
     """Cases of tests, of which some need a plug-in."""
-    return [pytest.param(name, marks=needs("moduli") if name in OF_MODULI else ()) for name in names]
+    marks = {name: [needs("moduli")] for name in OF_MODULI}
+    marks["space"].append(needs("mortar", "shapes", "volume_loads"))
+    marks["shape"].append(needs("shapes"))
+    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")]}
+    return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 @in_node
@@ -293,13 +297,14 @@ def heated(hypothesis, expansion=1e-3, **slopes):
     return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
 
 
+@needs("volume_loads")
 @pytest.mark.parametrize(
     ("scene", "there"),
     [
         (lambda: heated("plane_strain"), True),
         (lambda: heated("plane_stress"), False),
         (lambda: heated("plane_stress", push=2.0, load=-1.5), False),
-        pytest.param(SCENES["shape"], False, marks=needs("moduli")),
+        pytest.param(SCENES["shape"], False, marks=needs("shapes")),
     ],
     ids=["heat", "heat in plane stress", "heat that comes and goes", "shape"],
 )

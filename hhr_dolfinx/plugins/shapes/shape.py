@@ -12,11 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import Formula, formula_of
+from hhr_dolfinx.formulas import Formula, coordinate_names, formula_of
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
-
-NAMES = {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}
-"""Names of the coordinates in formulas by hypothesis; x and y for others."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +67,3 @@ class Shape:
         with np.errstate(all="ignore"):  # the check of the mesh refuses non-finite coordinates
             columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
         return np.stack(columns, axis=1).astype(float)
-
-
-def coordinate_names(hypothesis: str) -> tuple[str, ...]:
-    """Names of the coordinates of a mesh."""
-    return NAMES.get(hypothesis, ("x", "y"))

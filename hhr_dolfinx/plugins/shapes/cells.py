@@ -1,7 +1,7 @@
-"""Cells in NumPy: their stiffness and strain from their nodes and tabulated shape functions, without a mesh library.
+"""Cells whose nodes shapes move, in NumPy: their strain from their nodes and tabulated shape functions.
 
-The displacement has the shape functions of the geometry. If shapes move the nodes, the strain at cell midpoints is
-recomputed: interpolated, it would suffer from cancellation, as a small difference of large displacements.
+The displacement has the shape functions of the geometry. The strain at cell midpoints is computed again for each shape:
+interpolated, it would suffer from cancellation, as a small difference of large displacements.
 """
 
 from __future__ import annotations
@@ -12,23 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.declared import Booleans, Floats, Integers
-from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.shapes import Shape
-
-
-@dataclass(frozen=True)
-class CellRule:
-    """Quadrature on the reference cell, and the shape functions at its points.
-
-    Attributes:
-        weights: (q,).
-        values: of the shape functions, (q, n).
-        slopes: of the shape functions, (q, n, dim).
-    """
-
-    weights: Annotated[Floats, "points"]
-    values: Annotated[Floats, "points", "nodes of a cell"]
-    slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]
+from hhr_dolfinx.plugins.shapes.shape import Shape
 
 
 @dataclass(frozen=True)
@@ -52,101 +36,6 @@ class Middles:
         """Middles among ``nodes``, which ascend, by their indices there; ``nodes`` must hold all of ``between`` too."""
         kept = np.isin(self.nodes, nodes)
         return Middles(np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept]))
-
-
-def element_stiffness(
-    nodes: np.ndarray, rule: CellRule, hypothesis: str, volume: float, shape: float, mean_dilatation: bool
-) -> np.ndarray:
-    """Stiffness of isotropic cells, (c, n dim, n dim), dofs node by node.
-
-    With g the gradients of the shape functions, it is the sum over Gauss points of λ' tr ε tr ε + 2 μ' ε : ε, and
-    2 ε : ε of u_ai and u_bj is g_aj g_bi + δ_ij g_a·g_b; in axisymmetry the strain u_r / r is added. A mean
-    dilatation m instead of the trace t, a third of it on each axis, changes these to m² and ε : ε + (m² - t²) / 3.
-
-    Args:
-        nodes: their coordinates, (c, n, dim).
-        rule: quadrature.
-        hypothesis: of the scene; axisymmetric weights are 2 π r.
-        volume: λ', weight of the change of volume.
-        shape: μ', weight of the change of shape.
-        mean_dilatation: whether every point has the mean of the trace over the volume of its cell.
-
-    Raises:
-        ParameterError: for cells without volume.
-    """
-    count, size, dim = nodes.shape
-    gradients, measures = _gradients(nodes, rule)
-    hoops = None
-    if hypothesis == "axisymmetric":
-        radii = nodes[:, :, 0] @ rule.values.T
-        measures = measures * (2 * np.pi * radii)
-        hoops = np.zeros((count, len(rule.weights), size, dim))
-        hoops[..., 0] = rule.values / radii[:, :, None]
-    roots = np.sqrt(measures)[:, :, None, None]
-    gradients *= roots
-    products = _squared(gradients)
-    traces = products
-    if hoops is not None:
-        hoops *= roots
-        gradients += hoops
-        traces = _squared(gradients)
-    by_node = products.reshape(count, size, dim, size, dim)
-    stiffness = by_node.transpose(0, 1, 4, 3, 2) * shape
-    laplace = sum(by_node[:, :, axis, :, axis] for axis in range(dim)) * shape
-    for axis in range(dim):
-        stiffness[:, :, axis, :, axis] += laplace
-    stiffness = stiffness.reshape(products.shape)
-    if hoops is not None:
-        stiffness += 2 * shape * _squared(hoops)
-    if not mean_dilatation:
-        stiffness += volume * traces
-        return stiffness
-    mean = (roots[:, :, 0] * gradients.reshape(count, len(rule.weights), -1)).sum(axis=1)
-    means = mean[:, :, None] * (mean / measures.sum(axis=1)[:, None])[:, None]
-    stiffness += (volume + 2 * shape / 3) * means
-    stiffness -= 2 * shape / 3 * traces
-    return stiffness
-
-
-def _gradients(nodes: np.ndarray, rule: CellRule) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients of the shape functions, (c, q, n, dim), and volumes of the Gauss points without weight, (c, q)."""
-    count, size, dim = nodes.shape
-    slopes = rule.slopes
-    flat = np.ascontiguousarray(slopes.transpose(1, 2, 0)).reshape(size, -1)
-    # d x_i / d ξ_k at each point: jacobian[i, k] is (c, q)
-    jacobian = (np.ascontiguousarray(nodes.transpose(2, 0, 1)) @ flat).reshape(dim, count, dim, -1).swapaxes(1, 2)
-    inverse, determinant = _inverse(jacobian)
-    if not (np.abs(determinant) > 0).all():
-        raise ParameterError("a cell of the reduced domain has no volume for this shape: narrow the box")
-    gradients = np.empty((count, len(rule.weights), size, dim))
-    for axis in range(dim):
-        parts = (slopes[:, :, k] * inverse[k][axis][:, :, None] for k in range(dim))
-        gradients[..., axis] = sum(parts)
-    return gradients, np.abs(determinant) * rule.weights
-
-
-def _inverse(matrix: np.ndarray) -> tuple[list[list[np.ndarray]], np.ndarray]:
-    """Inverse, by rows, and determinant of many matrices of 2 or 3 rows, (dim, dim, c, q)."""
-    if len(matrix) == 2:
-        (a, b), (c, d) = matrix
-        determinant = a * d - b * c
-        return [[d / determinant, -b / determinant], [-c / determinant, a / determinant]], determinant
-    minor = [
-        [
-            matrix[(i + 1) % 3, (k + 1) % 3] * matrix[(i + 2) % 3, (k + 2) % 3]
-            - matrix[(i + 1) % 3, (k + 2) % 3] * matrix[(i + 2) % 3, (k + 1) % 3]
-            for i in range(3)
-        ]
-        for k in range(3)
-    ]
-    determinant = sum(matrix[i, 0] * minor[0][i] for i in range(3))
-    return [[minor[k][i] / determinant for i in range(3)] for k in range(3)], determinant
-
-
-def _squared(rows: np.ndarray) -> np.ndarray:
-    """Products of all dofs summed over the points of each cell, (c, q, n, dim) -> (c, n dim, n dim)."""
-    flat = rows.reshape(*rows.shape[:2], -1)
-    return flat.transpose(0, 2, 1) @ flat
 
 
 class CellStrain(NamedTuple):

@@ -1,4 +1,4 @@
-"""Loads on whole bodies: forces per volume, rotation, temperature, swelling; loads on surfaces are in ``loads``."""
+"""Forces per volume, rotation, temperature, swelling."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -284,7 +285,7 @@ def test_idle_parameters():
 def test_on_two_ranks():
     """Means over cells and formulas on meshes that are spread."""
     program = (
-        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
+        f"import sys; sys.path[:0] = {[*SCENE_FOLDERS, str(Path(__file__).parent)]!r}\n"
         "import test_volume_loads as t\n"
         "t.test_free_expansion('axisymmetric', 0.49); t.test_two_layers_that_grow_into_a_gap()\n"
         "print('all is well')\n"

@@ -7,6 +7,7 @@ a reduced displacement. Rows of strain are too many to interpolate; they are com
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -16,13 +17,74 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functionals.cells import CellStrain, MovingCells
-from hhr_dolfinx.models.functionals.functional import Functional, Functionals
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
+from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
+from hhr_dolfinx.plugins.stress.kinds import Mises
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
+
+
+DIFFERENCE = 1e-4
+"""Step of the central differences over shapes, as a part of the box: their error is its square."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingMises(Mises):
+    """Von Mises' stress of cells whose shape depends on parameters.
+
+    Attributes:
+        cells: from which a model computes its rows.
+    """
+
+    cells: MovingCells
+
+
+class OverShapes(ABC):
+    """How outputs are read on other shapes, see :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
+
+    Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the displacement, or its
+    components in a basis; and ``coordinate_changes``, derivatives of all contact forces and of these.
+
+    Attributes:
+        axes: indices of the shape parameters.
+        parameters: the box of the parameters.
+    """
+
+    axes: Any
+    parameters: ParameterSpace
+
+    @abstractmethod
+    def at(self, point: np.ndarray) -> Functionals:
+        """Outputs on the shape at a point, (P,)."""
+
+    def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
+        """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
+        return here.measured(answer.fields.coordinates(answer, theta))
+
+    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
+        forces, coordinates = answer.fields.coordinate_changes(answer, changes)
+        return forces, here.measured(coordinates)
+
+    def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
+        """Derivatives of all outputs along the shape parameters at fixed states, by differences, (outputs, P)."""
+        found = np.zeros((len(states), answer.parameter.size))
+        moves = here.places and here.places[-1].stop
+        coordinates = answer.fields.coordinates(answer, states[0].theta) if moves else np.zeros(0)
+
+        def followed(shifted: np.ndarray) -> np.ndarray:
+            there = self.at(shifted)
+            measured = there.measured(coordinates) if coordinates.size else np.zeros(0)
+            after = [state._replace(measured=measured[part]) for state, part in zip(states, here.places, strict=True)]
+            every = zip(here.items, there.items, states, after, strict=True)
+            return np.array([item.followed(state, other, new) for item, other, state, new in every])
+
+        if self.axes.size:
+            found[:, self.axes] = self.parameters.differences(followed, answer.parameter, DIFFERENCE, self.axes)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +114,7 @@ class ShapedFunctionals(Functionals):
 
 
 @dataclass(frozen=True, eq=False)
-class ReshapedFunctionals:
+class ReshapedFunctionals(OverShapes):
     """All outputs of a scene whose shape depends on parameters, for a displacement of s coordinates.
 
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.

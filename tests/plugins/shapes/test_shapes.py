@@ -1,6 +1,7 @@
 """Shapes that depend on parameters: the mesh moved in the geometry function, closed forms, the door."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,7 +102,6 @@ def training():
     return hhr.train(scene, hhr.Sobol(32), held_out=8)
 
 
-@needs("moduli")
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
     check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2)
@@ -270,5 +270,5 @@ except hhr.errors.SceneError as error:
 
 
 def test_several_ranks_are_refused():
-    said = launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)])
+    said = launch(2, ["-c", PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent)])])
     assert said.count("depends on parameters: build its model on one rank") == 2

@@ -8,7 +8,7 @@ import pytest
 from scipy import linalg, sparse
 
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.subspaces import (
+from hhr_dolfinx.plugins.local.subspaces import (
     basis_distances,
     chordal_distance,
     coordinates,
@@ -94,7 +94,7 @@ def test_many_bases_go_through_in_blocks(monkeypatch):
     bases = [orthonormal(20, 1 + k % 3) for k in range(9)]
     bases += [linalg.qr(basis + 1e-5 * RNG.standard_normal(basis.shape), mode="economic")[0] for basis in bases]
     whole = basis_distances(bases)
-    monkeypatch.setattr("hhr_dolfinx.reduction.subspaces.MOST_NUMBERS", 100)
+    monkeypatch.setattr("hhr_dolfinx.plugins.local.subspaces.MOST_NUMBERS", 100)
     assert basis_distances(bases) == pytest.approx(whole, rel=1e-13, abs=1e-15)
 
 

@@ -7,18 +7,24 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, ShapeError
-from hhr_dolfinx.formulas import box_samples
+from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
-from hhr_dolfinx.models.functionals.cells import Middles
-from hhr_dolfinx.shapes import coordinate_names
+from hhr_dolfinx.plugins.shapes.cells import Middles
+from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
+from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
+from hhr_dolfinx.plugins.shapes.system import ReassembledSystem
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
+    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -128,6 +134,20 @@ class Reshaped:
         # tables of forces, fields and outputs use the same shapes, which take seconds to assemble and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
+
+    def system(self, problem: ContactProblem, *makers: Any) -> ReassembledSystem:
+        """The system of the base problem."""
+        return ReassembledSystem(problem, *makers)
+
+    def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
+        """Outputs of the scene on the mesh of each shape."""
+        return FullShapeFunctionals(self._owner, self, problem)
+
+    def interpolated_outputs(
+        self, prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+    ) -> ReshapedFunctionals:
+        """These outputs interpolated between shapes, see :func:`reshaped_functionals`."""
+        return reshaped_functionals(prepared, problem, basis, settings)
 
     def _assembled(self, key: bytes) -> ContactProblem:
         """The problem for a shape; no other parameter changes it."""

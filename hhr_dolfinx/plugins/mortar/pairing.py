@@ -21,7 +21,6 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import opposed
 from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
-from hhr_dolfinx.pairings.segments import Segments, common_parts
 from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
@@ -40,6 +39,7 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_tilt,
 )
 from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.plugins.mortar.segments import Segments, common_parts
 
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""

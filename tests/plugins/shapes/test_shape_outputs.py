@@ -6,14 +6,14 @@ import numpy as np
 import press_fit as demo
 import pytest
 from my_output import MyOutput
-from needs import needs, present
+from needs import present
 from scenes import meshed
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)
 SMALL_FIT = {"around": 3, "hub_cells": (2, 4), "shaft_cells": (2, 5)}
@@ -127,7 +127,6 @@ def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(fulls, blocks, nam
     check_close(full.outputs(point), expected, 1e-8, 1e-3)
 
 
-@needs("moduli")
 @pytest.mark.parametrize("name", ["plane_strain", "axisymmetric", "fit"])
 def test_condensation_has_the_outputs_of_the_full_model(fulls, condensed, name):
     full, model = fulls[name], condensed[name]
@@ -135,7 +134,7 @@ def test_condensation_has_the_outputs_of_the_full_model(fulls, condensed, name):
         check_close(model.outputs(point), full.outputs(point), 1e-3, 1e-2)
 
 
-CONDENSED = [pytest.param("condensed", name, marks=needs("moduli")) for name in ("plane_strain", "axisymmetric", "fit")]
+CONDENSED = [("condensed", name) for name in ("plane_strain", "axisymmetric", "fit")]
 
 
 @pytest.mark.parametrize("kind, name", [("fulls", "plane_strain"), ("fulls", "axisymmetric"), *CONDENSED])
@@ -215,7 +214,6 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
         assert np.allclose(item.cells(point) @ field[item.cells.dofs, 0], found[:, 0], rtol=1e-12, atol=1e-12)
 
 
-@needs("moduli")
 def test_a_model_file_keeps_them(condensed, tmp_path):
     from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
@@ -252,7 +250,6 @@ class OfOtherConditions(MyOutput):
         return dataclasses.replace(made, conditions=made.conditions[high], weights=made.weights[high])
 
 
-@needs("moduli")
 def test_an_output_that_jumps_between_shapes_is_refused():
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
     from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals

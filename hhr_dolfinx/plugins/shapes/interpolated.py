@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functionals.functional import Functional, ShapeFunctionals
-from hhr_dolfinx.models.functionals.kinds import Mises, MovingMises
+from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
-from hhr_dolfinx.plugins.moduli.shaped_functionals import ROWS, ReshapedFunctionals, Zone
+from hhr_dolfinx.plugins.shapes.functionals import ROWS, MovingMises, ReshapedFunctionals, Zone
+from hhr_dolfinx.plugins.stress.kinds import Mises
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 
 TOLERANCE = 3e-7
 """Target error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap.
@@ -21,11 +24,11 @@ _OF_ROWS = {item.name for item in fields(Functional)}
 
 
 def reshaped_functionals(
-    prepared: ShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+    prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
 ) -> ReshapedFunctionals:
     """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.models.functionals.cells`.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`.
 
     Raises:
         SceneError: for an output with other conditions, or arrays of other lengths, on other shapes.
@@ -43,7 +46,7 @@ def reshaped_functionals(
         return found
 
     finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
-    grid, modes = grown(solved, problem.parameters, problem.reshaped.axes, finer)
+    grid, modes = grown(solved, problem.parameters, prepared.axes, finer)
     names = [name.split(" ", 1) for name in modes]
     shapes = [part.shape[:-1] for part in modes.values()]
     zones = [Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None for item in base]

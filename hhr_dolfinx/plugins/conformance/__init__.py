@@ -1,0 +1,13 @@
+"""Conformance: checks that hold a part of your own to the contract of its seam."""
+
+from hhr_dolfinx.registry import Plugin
+
+_CHECKS = (
+    "check_contact_law", "check_load", "check_output", "check_pairing", "check_reductor", "check_system",
+    "pressed_blocks",
+)  # fmt: skip
+
+PLUGIN = Plugin(
+    name="conformance",
+    parts={"checks": {name: f"hhr_dolfinx.plugins.conformance.checks:{name}" for name in _CHECKS}},
+)

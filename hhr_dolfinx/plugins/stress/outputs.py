@@ -1,0 +1,62 @@
+"""Outputs of stress and energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.outputs import NamedOutput
+from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals.functional import Functional
+    from hhr_dolfinx.outputs import ModelProbe
+
+
+@dataclass(frozen=True)
+class VonMises(NamedOutput):
+    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies are evaluated.
+
+    Attributes:
+        tag: cell tag of the body.
+        kind: ``max``, or ``mean`` over the volume.
+        where: two corners of a box, for the cells whose middle lies inside; None for the whole body.
+    """
+
+    tag: Tag
+    kind: str = "max"
+    where: tuple[Sequence[float], Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_tag(f"body of output '{self.name}'", self.tag)
+        if self.kind not in ("max", "mean"):
+            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'")
+        if self.where is not None:
+            corners = as_tuple(f"where of output '{self.name}'", self.where)
+            box = [as_tuple(f"a corner of where of output '{self.name}'", corner) for corner in corners]
+            if len(box) != 2 or not all(is_number(value) for corner in box for value in corner):
+                raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
+            object.__setattr__(self, "where", tuple(box))
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`hhr_dolfinx.outputs.Output`."""
+        from hhr_dolfinx.plugins.stress.mesh import mises_of
+
+        return mises_of(probe, self)
+
+
+@dataclass(frozen=True)
+class ElasticEnergy(NamedOutput):
+    """Elastic energy of all bodies, from the work of all forces; for elastic scenes only.
+
+    In a reduced model it has the errors of forces and displacement.
+    """
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`hhr_dolfinx.outputs.Output`."""
+        from hhr_dolfinx.plugins.stress.mesh import energy_of
+
+        return energy_of(probe, self)

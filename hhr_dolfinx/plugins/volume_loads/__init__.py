@@ -1,0 +1,12 @@
+"""Loads on whole bodies: forces per volume, rotation, temperature, swelling."""
+
+from hhr_dolfinx.registry import Plugin
+
+_LOADS = "hhr_dolfinx.plugins.volume_loads.loads"
+_NAMES = "BodyForce Centrifugal Eigenstrain ThermalExpansion"
+
+PLUGIN = Plugin(
+    name="volume_loads",
+    public={_LOADS: _NAMES},
+    parts={"loads": {name: f"{_LOADS}:{name}" for name in _NAMES.split()}},
+)
