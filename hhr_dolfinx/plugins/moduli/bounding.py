@@ -171,7 +171,7 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
     def there(point: np.ndarray) -> dict[str, np.ndarray]:
         return {"areas": reshaped(point).contact_areas}
 
-    return grown(there, problem.parameters, problem.reshaped.axes, SHAPE_GRID)[0].interpolant
+    return grown(there, problem.parameters, reshaped.axes, SHAPE_GRID)[0].interpolant
 
 
 def _check_resolved(error: float) -> None:

@@ -83,7 +83,6 @@ def interpolated_problem(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, settings: GridSettings
 ) -> InterpolatedProblem:
     """Interpolate a projected problem over the parameters of a shape, for the fields of other models."""
-
     reshaped = problem.reshaped
     assert reshaped is not None
 
@@ -109,7 +108,7 @@ def interpolated_problem(
 
     base, terms = terms_of(problem)
     sizes = np.array([modulus.value(problem.middle) for modulus in terms.moduli])
-    grid, modes = grown(solved, problem.parameters, problem.reshaped.axes, settings)
+    grid, modes = grown(solved, problem.parameters, reshaped.axes, settings)
     shapes = tuple(part.shape[:-1] for part in modes.values())
     return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
 

@@ -15,7 +15,6 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.full_order.mesh_error import MeshError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies import page
@@ -223,7 +222,7 @@ def print_report(report: Report, console: Console) -> None:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
-        console.print(MeshError(**report["discretisation"]).in_words())
+        console.print(_mesh_error_in_words(report["discretisation"]))
     for name, item in {"paths": report, **{f"paths, {name}": item for name, item in models.items()}}.items():
         for line in _path_lines(item["paths"]) if "paths" in item else ():
             console.print(f"{name}: {line}")
