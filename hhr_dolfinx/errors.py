@@ -159,3 +159,9 @@ class LawWarning(UserWarning):
 
 class TimeStepWarning(UserWarning):
     """The time steps of a history are too long for the rates of its laws."""
+
+
+def class_of(name: str) -> type[HHRError]:
+    """Error class of this package with a name, or :class:`RankError`."""
+    kind = globals().get(name)
+    return kind if isinstance(kind, type) and issubclass(kind, HHRError) else RankError

@@ -217,7 +217,7 @@ def assess(
 
 def _tested(problem: ContactProblem, basis: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """K times modes truncated outside of some dofs, given by their local indices; local rows of the products."""
-    if problem.comm is None:
+    if problem.spread.all_here:
         return problem.stiffness[inside][:, inside] @ basis[inside]
     cut = np.zeros_like(basis)
     cut[inside] = basis[inside]

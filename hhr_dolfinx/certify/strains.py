@@ -104,7 +104,7 @@ def _spreads(
     problem: ContactProblem, operators: StrainOperators, solutions: Solutions | _Answers
 ) -> Iterator[list[float]]:
     """The strain and the rotation that few cells exceed, for each answer."""
-    each = TOGETHER if problem.comm is None else 1
+    each = TOGETHER if problem.spread.all_here else 1
     for first in range(0, len(solutions.points), each):
         part = slice(first, first + each)
         lifts = problem.amplitudes.sum_columns(problem.lifts, solutions.points[part])

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhr_dolfinx import ranks, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import Command, first_rank, resumable, spoken
 from hhr_dolfinx.command.words import OUT, PART, SCENE, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.group import group_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
@@ -65,7 +66,7 @@ def train(
     console, progress = spoken()
     if part is not None and together:
         raise click.UsageError("parts of a training are solved side by side: leave --together out")
-    with ranks.each_for_itself(MPI.COMM_WORLD, f"reading {scene}"):
+    with group_of(MPI.COMM_WORLD).each(f"reading {scene}"):
         made = scene_of(scene)
     folder = out or Path("out") / made.name
     if part is None and kind == "condensed" and made.remembers:

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from functools import wraps
 from typing import Any
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import explained, extra
 from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.group import world
 
 with extra("study", "the command hhr"):
     import click
@@ -84,8 +84,8 @@ def _say(text: str) -> None:
 
 def first_rank() -> bool:
     """True if this process prints; evaluation of a model needs no MPI."""
-    world = ranks.world()
-    return world is None or world.rank == 0
+    comm = world()
+    return comm is None or comm.rank == 0
 
 
 def spoken() -> tuple[Any, Any]:

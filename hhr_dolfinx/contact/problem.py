@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -24,12 +25,11 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
+from hhr_dolfinx.group import ALONE, Group, group_of
+from hhr_dolfinx.linear.rows import Rows, rows_of
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
-
     from hhr_dolfinx.contact.kernel import Kernel
     from hhr_dolfinx.formulas import Modulus, Scalar
 
@@ -176,7 +176,7 @@ class ContactProblem:
     # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
     law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
-    comm: Comm | None = None  # ranks that have some rows each; None if all rows are local
+    group: Group = ALONE  # processes that have some rows each
 
     @property
     def held(self) -> np.ndarray:
@@ -287,27 +287,29 @@ class ContactProblem:
     @cached_property
     def spread(self) -> Rows:
         """Operations on tables with a row for each dof, of which this rank has the local rows."""
-        return Rows(self.rows, self.free.size, self.comm)
+        return rows_of(self.rows, self.free.size, self.group)
 
     @property
     def whole(self) -> bool:
         """True if all rows are local."""
         return self.node_mass.shape[0] == len(self.points)
 
-    def gathered(self, comm: Comm) -> ContactProblem:
-        """The problem with all rows on every rank; the problem itself if all rows are local. Collective."""
-        if all(comm.allgather(self.whole)):
+    def gathered(self, comm: Any) -> ContactProblem:
+        """The problem with all rows on every process; the problem itself if all rows are local. Collective."""
+        group = group_of(comm)
+        if all(group.gathered(self.whole)):
             return self
-        starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.node_mass)), strict=True)
-        order = sorted(range(len(starts)), key=lambda rank: starts[rank])
+        given = group.gathered((self.first, self.stiffness_terms, self.node_mass))
+        _, terms, masses = zip(*sorted(given, key=itemgetter(0)), strict=True)
         held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
             )
-        stiffness = [csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True)]
-        mass = csr_matrix(vstack([masses[rank] for rank in order]))
-        return replace(self, stiffness_terms=tuple(stiffness), node_mass=mass, first=0, comm=None)
+        stiffness = [csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True)]
+        return replace(
+            self, stiffness_terms=tuple(stiffness), node_mass=csr_matrix(vstack(masses)), first=0, group=ALONE
+        )
 
     def require_whole(self) -> None:
         """Raise SceneError for a distributed problem in functions that need all rows."""
@@ -347,9 +349,9 @@ class ContactProblem:
         return self.own_stiffness
 
     @cached_property
-    def stiffness_of_rows(self) -> csr_matrix | MatrixOfRows:
+    def stiffness_of_rows(self) -> Any:
         """K for products with tables of which each rank has local rows, (own, k)."""
-        return self.own_stiffness if self.spread.comm is None else MatrixOfRows(self.own_stiffness, self.spread)
+        return self.spread.matrix(self.own_stiffness)
 
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
@@ -358,7 +360,7 @@ class ContactProblem:
     @cached_property
     def contact_of_rows(self) -> csr_matrix:
         """Local columns of B, (N_lambda, own)."""
-        return self.contact if self.spread.comm is None else csr_matrix(self.contact[:, self.rows])
+        return self.spread.columns(self.contact)
 
     @cached_property
     def bodies(self) -> tuple[np.ndarray, ...]:
@@ -375,11 +377,11 @@ class ContactProblem:
         ends[self.rows.start : self.rows.stop + 1] = own.indptr
         joined = csr_matrix((own.data, own.indices, ends), shape=(size, size))
         count, label = connected_components(joined, directed=False)
-        if self.comm is None:
+        if self.group.size == 1:
             self.require_whole()
             return label
-        counts, labels = zip(*self.comm.allgather((count, label)), strict=True)
-        # dofs, followed by the components of each rank
+        counts, labels = zip(*self.group.gathered((count, label)), strict=True)
+        # dofs, followed by the components of each process
         firsts = size + np.cumsum([0, *counts])
         places = np.concatenate([item + first for item, first in zip(labels, firsts[:-1], strict=True)])
         every = int(firsts[-1])
@@ -398,11 +400,10 @@ class ContactProblem:
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
-        """Assemble a sparse matrix from the rows of each rank. Collective."""
-        if self.comm is None:
+        """Assemble a sparse matrix from the rows of each process. Collective."""
+        if self.group.size == 1:
             self.require_whole()
-            return own
-        return csr_matrix(vstack(self.comm.allgather(own)))
+        return self.group.stacked(own)
 
     @cached_property
     def contact_norm(self) -> float:

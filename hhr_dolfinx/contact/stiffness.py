@@ -19,10 +19,9 @@ from hhr_dolfinx.contact.active_set import SchurEqualities
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.linear.sparse import FreeCholesky
 
-    Factors: TypeAlias = FreeCholesky | SharedCholesky
+    Factors: TypeAlias = FreeCholesky
 
 
 class Stiffness(ABC):

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from dolfinx import mesh as dmesh
-from mpi4py import MPI
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -19,6 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.names import TagNames
+from hhr_dolfinx.group import Group
 from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
@@ -32,9 +32,9 @@ NO_VOLUME = 1e-12
 """Volume of a cell over the power of its length up to which it counts as zero: far below cells of aspect 1e4."""
 
 
-def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
+def build_geometry(scene: Scene, group: Group) -> Any:
     """Mesh, cell tags, facet tags and their names of a scene; raises SceneError unless they fit the scene."""
-    result: Any = scene.geometry(comm)
+    result: Any = scene.geometry(group.comm)
     groups = getattr(result, "physical_groups", None)
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
@@ -43,7 +43,7 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
             f"the geometry of scene '{scene.name}' must return (mesh, cell_tags, facet_tags), not {result!r}"
         )
     mesh, *tags = result
-    _check_mesh(scene, mesh, comm)
+    _check_mesh(scene, mesh, group)
     order_of(scene, mesh)
     for kind, given, dim in zip(("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True):
         if given is None or given.dim != dim:
@@ -52,11 +52,11 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
                 f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: every body and every "
                 "surface with a load, a displacement or a contact needs one; in gmsh, a physical group"
             )
-    _check_cells(mesh, comm)
+    _check_cells(mesh, group)
     if scene.hypothesis == "axisymmetric":
-        _check_radius(mesh, comm)
+        _check_radius(mesh, group)
     names = TagNames.of(groups, mesh.topology.dim, getattr(result, "summary", None))
-    check_tags(scene, mesh, tags, names, comm)
+    check_tags(scene, mesh, tags, names, group)
     return (*result, names)
 
 
@@ -74,19 +74,19 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
         )
 
 
-def _check_mesh(scene, mesh, comm):
+def _check_mesh(scene, mesh, group):
     """Raise SceneError for a mesh of another dimension, with other cells, or on another communicator."""
     tdim = mesh.topology.dim
     gdim = mesh.geometry.dim
     kind = mesh.topology.cell_name()
-    if mesh.comm.size != comm.size:
+    if mesh.comm.size != group.size:
         raise SceneError(
-            f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was asked for on {comm.size}: "
-            "its geometry must build it on the communicator it is given"
+            f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was asked for on {group.size}"
+            ": its geometry must build it on the communicator it is given"
         )
     if tdim < gdim:
         local = np.ptp(mesh.geometry.x[:, 2]) if gdim == 3 and len(mesh.geometry.x) else 0.0
-        planar = tdim == 2 and gdim == 3 and comm.allreduce(float(local)) == 0.0
+        planar = tdim == 2 and gdim == 3 and group.total(float(local)) == 0.0
         remedy = (
             "all its points lie in one plane: build it with two coordinates, gmsh_to_mesh(model, comm, gdim=2)"
             if planar
@@ -107,7 +107,7 @@ def _check_mesh(scene, mesh, comm):
         )
 
 
-def _check_cells(mesh, comm):
+def _check_cells(mesh, group):
     """Raise SceneError for cells that are folded or without volume, and for ranks without cells.
 
     Such cells would not be noticed later: K uses the absolute value of Jacobians.
@@ -115,9 +115,9 @@ def _check_cells(mesh, comm):
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
-    without = comm.allgather(len(nodes)).count(0)
+    without = group.gathered(len(nodes)).count(0)
     if without:
-        raise SceneError(f"{without} of {comm.size} ranks have no cell of the mesh: take fewer ranks, or a finer mesh")
+        raise SceneError(f"{without} of {group.size} ranks have no cell of the mesh: take fewer ranks, or a finer mesh")
     degree = compat.degree_of(mesh)
     if degree > 2:
         raise SceneError(
@@ -138,9 +138,9 @@ def _check_cells(mesh, comm):
         (folded, "are folded or turned inside out"),
     ):
         text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
-        _refuse(comm, "{count} " + text, corners[bad].mean(axis=1))
+        _refuse(group, "{count} " + text, corners[bad].mean(axis=1))
     _refuse(
-        comm,
+        group,
         "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at {place}: one of them "
         "is turned inside out. Mend the mesh there",
         _overlapping_neighbours(mesh),
@@ -216,39 +216,39 @@ def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
     return np.linalg.det(np.einsum("qkd,ckx->cqdx", slopes, points))
 
 
-def _check_radius(mesh, comm):
+def _check_radius(mesh, group):
     """Raise SceneError for bodies that cross the axis of revolution."""
     owned = mesh.geometry.index_map().size_local
     radius = mesh.geometry.x[:owned, 0]
-    size = comm.allreduce(float(np.abs(radius).max(initial=0.0)))
+    size = group.total(float(np.abs(radius).max(initial=0.0)))
     _refuse(
-        comm,
+        group,
         "{count} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate is the radius and the "
         "axis is r = 0; mesh one half of the section",
         mesh.geometry.x[:owned][radius < -1e-9 * size, :2],
     )
 
 
-def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm: MPI.Comm) -> None:
+def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, group: Group) -> None:
     """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no body."""
     used: list[Tag] = [item.tag for item in scene.displacements]
     for item in scene.contacts:
         used += item.tags
-    check_present("facet", tags[1], used, names, comm)
+    check_present("facet", tags[1], used, names, group)
     bodies = [body.tag for body in scene.bodies]
     owner: dict[int, Tag] = {}
     for tag in bodies:
         for number in names.cell(tag):
             if owner.setdefault(number, tag) != tag:
                 raise SceneError(f"bodies {owner[number]!r} and {tag!r} have cells in common: list one of them")
-    others = check_present("cell", tags[0], bodies, names, comm) - set(owner)
+    others = check_present("cell", tags[0], bodies, names, group) - set(owner)
     if others:
         raise SceneError(
             f"cells tagged {names.described('cell', others)} belong to no body of scene '{scene.name}': give "
             "each a Body, or leave them out of the mesh"
         )
     count = mesh.topology.index_map(mesh.topology.dim).size_local
-    untagged = comm.allreduce(count - int((tags[0].indices < count).sum()))
+    untagged = group.total(count - int((tags[0].indices < count).sum()))
     if untagged:
         raise SceneError(
             f"{untagged} cells have no tag: every cell must belong to a body of scene '{scene.name}'. Put them into a "
@@ -256,9 +256,9 @@ def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm:
         )
 
 
-def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, comm: MPI.Comm) -> set[int]:
+def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: Group) -> set[int]:
     """All tags of a mesh; raises SceneError if a wanted one, by number or name, is missing."""
-    there = set().union(*comm.allgather(set(tags.values.tolist())))
+    there = set().union(*group.gathered(set(tags.values.tolist())))
     numbers = names.cell if kind == "cell" else names.facet
     missing = [tag for tag in wanted if not there & set(numbers(tag))]
     if missing:
@@ -276,10 +276,10 @@ def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
 
 
 def check_outer(
-    load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, comm: MPI.Comm
+    load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, group: Group
 ) -> None:
     """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface integrals are zero."""
-    check_present("facet", facet_tags, [tag], names, comm)
+    check_present("facet", facet_tags, [tag], names, group)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
     outer = dmesh.exterior_facet_indices(mesh.topology)
@@ -287,16 +287,16 @@ def check_outer(
     facets = tagged(facet_tags, names.facet(tag))
     inner = np.setdiff1d(facets[facets < owned], outer)
     _refuse(
-        comm,
+        group,
         f"{{count}} facets tagged {tag} under a {load} lie inside the mesh, e.g. at {{place}}: "
         "loads act on outer facets only. Tag the surface, or give the bodies separate nodes",
         dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
     )
 
 
-def _refuse(comm, text, places):
+def _refuse(group, text, places):
     """Raise SceneError on all ranks if any has places, (found, dim); ``text`` uses ``{count}`` and ``{place}``."""
-    found = [place for part in comm.allgather(places.tolist()) for place in part]
+    found = [place for part in group.gathered(places.tolist()) for place in part]
     if found:
         raise SceneError(text.format(count=len(found), place=found[0]))
 

@@ -18,7 +18,7 @@ from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
 from ufl.core.expr import Expr
 
-from hhr_dolfinx import compat, ranks
+from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
@@ -30,6 +30,7 @@ from hhr_dolfinx.full_order.checks import (
     tagged,
 )
 from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffness_degree
+from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Tag
@@ -60,9 +61,9 @@ class DiscreteSpace(ABC):
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()
         self.scene = scene
-        self.comm = comm
-        with ranks.together(comm, f"the geometry of scene '{scene.name}'"):
-            self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, comm)
+        self.group = group_of(comm)
+        with self.group.together(f"the geometry of scene '{scene.name}'"):
+            self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, self.group)
         dim = self.mesh.geometry.dim
         self.order = order_of(scene, self.mesh)
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (dim,)))
@@ -151,7 +152,7 @@ class DiscreteSpace(ABC):
 
     def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
         """Measure of the facets with a tag, for a load of this class."""
-        check_outer(load, tag, self.mesh, self._facet_tags, self.names, self.comm)
+        check_outer(load, tag, self.mesh, self._facet_tags, self.names, self.group)
         return self._ds(self.names.facet(tag))
 
     def _cells(self, tag: Tag) -> ufl.Measure:
@@ -161,7 +162,7 @@ class DiscreteSpace(ABC):
 
     def check_cells(self, tag: Tag) -> None:
         """Raise SceneError if no cell has a tag."""
-        check_present("cell", self._cell_tags, [tag], self.names, self.comm)
+        check_present("cell", self._cell_tags, [tag], self.names, self.group)
 
     def _tagged_dofs(self, tag, component):
         fdim = self.mesh.topology.dim - 1
@@ -176,7 +177,7 @@ class DiscreteSpace(ABC):
         )
         dim = self.mesh.geometry.dim
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
-        return np.concatenate(self.comm.allgather(owned + self.rows.start))
+        return self.group.joined(owned + self.rows.start)
 
     def _load_vector(self, load: object, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""
@@ -231,22 +232,22 @@ class DiscreteSpace(ABC):
         count = len(corners[0])
         local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
         numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
-        gathered = self.comm.allgather((numbers, np.array(inner).reshape(-1, dim)))
+        gathered = self.group.gathered((numbers, np.array(inner).reshape(-1, dim)))
         return tuple(np.concatenate(part) for part in zip(*gathered, strict=True))
 
     def _points(self):
         local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]
-        return np.concatenate(self.comm.allgather(local))[:, : self.mesh.geometry.dim]
+        return self.group.joined(local)[:, : self.mesh.geometry.dim]
 
     def _cell_nodes(self):
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         local = self.space.dofmap.list[:owned]
         numbers = self.space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
-        return np.concatenate(self.comm.allgather(numbers.reshape(local.shape)))
+        return self.group.joined(numbers.reshape(local.shape))
 
     def _assemble_vector(self, form):
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        whole = np.concatenate(self.comm.allgather(vector.array))
+        whole = self.group.joined(vector.array)
         vector.destroy()
         return whole

@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, vstack
+from scipy.sparse import csc_matrix, csr_matrix
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import registry
@@ -132,7 +132,7 @@ class Discretisation(DiscreteSpace):
             rows, pairs, law = self._with_laws(laws, rows, pairs, free, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
-        lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
+        lifted = [masked(csc_matrix(self.group.stacked(part)), free) for part in pulled]
         middle = scene.parameters.middle
         weights = [modulus.value(middle) for modulus in moduli] or [1.0]
         return ContactProblem(
@@ -156,7 +156,7 @@ class Discretisation(DiscreteSpace):
             first=self.rows.start,
             whole_contact=rows.matrix,
             law=law,
-            comm=self.comm if self.comm.size > 1 else None,
+            group=self.group,
         )
 
     def _node_mass(self) -> csr_matrix:
@@ -192,7 +192,7 @@ class Discretisation(DiscreteSpace):
 
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
-        bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
+        bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
         if free:
             if "kernel" not in registry.named("tools"):

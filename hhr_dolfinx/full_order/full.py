@@ -13,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
 from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
@@ -22,6 +21,7 @@ from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.system import system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
+from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
@@ -35,7 +35,6 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
@@ -95,8 +94,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if not isinstance(scene, Scene):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
-        self.comm = comm
-        with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
+        self.group = group_of(comm)
+        with self.group.together(f"building the full model of scene '{scene.name}'"):
             if scene.reader:
                 given = with_laws(scene)
                 self._factor(given.discretisation, given.stiffness, given.moduli)
@@ -189,7 +188,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     @cached_property
     def schur(self) -> np.ndarray:
         """S in the middle of the box, (N_lambda, N_lambda)."""
-        with ranks.together(self.comm, f"making S of scene '{self.scene.name}'"):
+        with self.group.together(f"making S of scene '{self.scene.name}'"):
             return self.stiffness.schur
 
     @cached_property
@@ -242,6 +241,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return self
 
     @property
+    def comm(self) -> MPI.Comm:
+        """MPI communicator; calls are collective."""
+        return self.group.comm
+
+    @property
     def spread(self) -> Rows:
         """See the class."""
         return self.problem.spread
@@ -284,18 +288,16 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         For reduction and checks that all ranks do in the same way, as for bodies with laws.
         """
-        if self.problem.comm is None:
+        if self.spread.all_here:
             return self
         problem = self.problem.gathered(self.comm)
-        from hhr_dolfinx.linear.shared import SharedCholesky
-
         model = copy(self)
         vars(model).pop("per_load", None)  # that of local rows
         model.problem = problem
         own = self.problem.own_stiffness  # raises an error if reductors cannot read it
         with self.store.of(own) as factors:
             assert isinstance(factors, FreeCholesky)
-            shared = SharedCholesky(factors, self.problem.rows, own, problem.own_stiffness, self.comm)
+            shared = self.group.shared_factors(factors, self.problem.rows, own, problem.own_stiffness)
         model.store = FactorStore(lambda _: shared)
         with model.store.of(problem.own_stiffness):
             model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
@@ -305,7 +307,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
-    ) -> FreeCholesky | SharedCholesky:
+    ) -> FreeCholesky:
         """Factors of local rows of a stiffness, with an ordering for problems in the plane; ``last``: see the classes.
 
         ``anew``: they are made for every parameter.
@@ -315,11 +317,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         low_rank = low_rank_of(problem.block_size, problem.free.size, anew=anew)
         if low_rank is not None:
             _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
-        if problem.comm is None and self.comm.size > 1:
-            from hhr_dolfinx.linear.shared import SharedCholesky
-
-            given = stiffness, problem.held, self.scene.name, self.comm
-            return SharedCholesky.of(*given, low_rank=low_rank, last=last)
+        if problem.spread.all_here and self.group.size > 1:
+            return self.group.factors(stiffness, problem.held, self.scene.name, low_rank=low_rank, last=last)
         rows = stiffness, problem.held, problem.rows, self.scene.name, ordering, self.comm
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 

@@ -73,4 +73,4 @@ def cells_of_body(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
             f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}': name one of them"
         )
     discretisation.check_cells(tag)
-    return np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies())) == tags.index(tag)
+    return discretisation.group.joined(discretisation.cell_bodies()) == tags.index(tag)

@@ -33,7 +33,7 @@ def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, poi
         stress.interpolate(fem.Expression(sigma, points), discretisation.cells_of(body.tag))
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
-    return _kelvin(np.concatenate(discretisation.comm.allgather(values)), mesh.geometry.dim)
+    return _kelvin(discretisation.group.joined(values), mesh.geometry.dim)
 
 
 def field_of(discretisation: DiscreteSpace, displacement: np.ndarray) -> fem.Function:

@@ -55,7 +55,7 @@ class SystemAt:
         free = stiffness.solve(self.loads)
         closed = problem.contact_of_rows @ free
         response = stiffness.response_to_forces
-        if (rows := problem.spread).comm is not None:
+        if not (rows := problem.spread).all_here:
             free = rows.whole(free)
             closed = rows.sum(closed)
             response = self._response

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
     from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
+    from hhr_dolfinx.group import Group
     from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
     from hhr_dolfinx.models.strains import StrainGuard
@@ -124,6 +124,10 @@ class FullModel(Fields, Model, Protocol):
         """Check that strains in its answers are small."""
 
     @property
+    def group(self) -> Group:
+        """Processes that have the model together."""
+
+    @property
     def spread(self) -> Rows:
         """Rows of this rank, and sums over ranks."""
 
@@ -179,7 +183,7 @@ class FullModel(Fields, Model, Protocol):
 
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
-    ) -> FreeCholesky | SharedCholesky:
+    ) -> FreeCholesky:
         """Factors of own rows of a stiffness, (n, N), with an ordering for plane problems."""
 
 

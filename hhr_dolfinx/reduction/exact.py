@@ -79,7 +79,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
     full.problem.require_parts("condensation")
-    if full.spread.comm is not None and full.problem.held_by_contact:
+    if not full.spread.all_here and full.problem.held_by_contact:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
@@ -99,7 +99,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         )
     free = full.spread.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
-    kept = full.keeps_columns and full.spread.comm is None
+    kept = full.keeps_columns and full.spread.all_here
     field = (field and kept) or problem.held_by_contact
     responses = Responses(
         free_primal=free if field else free[:0],

@@ -65,7 +65,7 @@ def _decomposed(snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows) -> t
     With a Gram matrix by the method of snapshots, whose squares lose half of the digits.
     """
     noise = np.finfo(float).eps * max(rows.count, snapshots.shape[1])
-    if gram is None and rows.comm is None:
+    if gram is None and rows.all_here:
         modes, values, _ = linalg.svd(snapshots, full_matrices=False)
         return modes, values, noise
     if gram is None:

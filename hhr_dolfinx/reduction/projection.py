@@ -9,7 +9,7 @@ are removed from A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, issparse
@@ -37,7 +37,8 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
             f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
         )
     rows = problem.contact[sets.A_lambda]
-    modes = _Modes(basis, sets) if problem.comm is None else _ModesOfRows(problem, basis, sets)
+    shared = problem.spread
+    modes: Modes = _Modes(basis, sets) if shared.all_here else shared.modes(problem, basis, sets)
     loads = modes.tested(problem.loads)
     terms = _terms(problem, modes, loads) if problem.moduli else None
     reduced = ReducedProblem(
@@ -57,6 +58,16 @@ def _moved(problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, dofs: n
     """Rows of B, (m, N), times the modes on some dofs alone, (m, ell)."""
     own = problem.spread.mine(dofs)
     return problem.spread.sum(rows[:, own + problem.first] @ basis[own])
+
+
+class Modes(Protocol):
+    """Modes as test functions on some dofs, A, and as trial functions on these and those around them, I."""
+
+    def projected(self, stiffness: csr_matrix) -> np.ndarray:
+        """V^T K V, tested on A, (ell, ell)."""
+
+    def tested(self, columns: Any) -> np.ndarray:
+        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
 
 
 class _Modes:
@@ -108,37 +119,12 @@ class _Modes:
         return modes.T @ np.where(outside[:, None], 0.0, columns)
 
 
-class _ModesOfRows:
-    """Distributed modes, (own, ell): each rank tests with the rows of its dofs in A."""
-
-    def __init__(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets):
-        self._rows = problem.spread
-        self._stiffness: Any = problem.stiffness_of_rows
-        self._basis = basis
-        self._inside = self._rows.mine(sets.A)
-        self._test = basis[self._inside]
-
-    def projected(self, stiffness: csr_matrix) -> np.ndarray:
-        """V^T K V, tested on A, (ell, ell)."""
-        inside = self._stiffness.alike(stiffness).cut(self._inside)
-        found = np.empty((self._basis.shape[1],) * 2)
-        for first in range(0, len(found), PANEL):
-            part = slice(first, first + PANEL)
-            found[:, part] = self._test.T @ (inside @ self._basis[:, part])
-        return self._rows.sum(found)
-
-    def tested(self, columns: object) -> np.ndarray:
-        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
-        own = csr_matrix(columns)[self._rows.own][self._inside]
-        return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))
-
-
 def holding(problem: ContactProblem) -> np.ndarray:
     """Numbers of the conditions that hold bodies which nothing else holds."""
     return np.zeros(0, dtype=np.int64) if problem.kernel is None else problem.kernel.holding()
 
 
-def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndarray) -> ReducedTerms:
+def _terms(problem: ContactProblem, modes: Modes, loads: np.ndarray) -> ReducedTerms:
     """Parts of K~ and of its loads, of which those on A are tested already, (ell, 1 + T)."""
     weights = problem.weights(problem.middle)
     lifts = np.stack([modes.tested(term) for term in problem.lift_terms])

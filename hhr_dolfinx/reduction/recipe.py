@@ -13,15 +13,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from hhr_dolfinx import ranks, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
+from hhr_dolfinx.group import ALONE, Group
+from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.enrichment import check_basis
@@ -30,7 +31,6 @@ from hhr_dolfinx.reduction.projection import checked_nodes, holding, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
     from scipy.sparse import csr_matrix
 
 MOST_LAYERS = 1000
@@ -124,6 +124,7 @@ class Pod(Truncated):
             contact alone then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
     """
 
+    by_rows: ClassVar[bool] = True
     relative: bool = False
     norm: str = "euclidean"
     by_body: bool = False
@@ -137,8 +138,8 @@ class Pod(Truncated):
         """The leading modes, (N, ell)."""
         return self.of_columns(problem, snapshots.displacements)
 
-    def of_columns(self, problem: ContactProblem, columns: np.ndarray, comm: Comm | None = None) -> np.ndarray:
-        """Modes of any displacements, (N, S); several ranks share the bodies of a decomposition by body."""
+    def of_columns(self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE) -> np.ndarray:
+        """Modes of any displacements, (N, S); processes share the bodies of a decomposition by body."""
         gram = self._gram(problem)
         rows = problem.spread
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
@@ -147,7 +148,7 @@ class Pod(Truncated):
         bodies = [dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))]
         if not bodies:
             raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
-        if rows.comm is not None:
+        if not rows.all_here:
             parts = []
             for dofs in bodies:
                 cut = _cut(columns, rows.mine(dofs))
@@ -157,9 +158,8 @@ class Pod(Truncated):
         def of_body(number: int) -> np.ndarray:
             return self._of_body(bodies[number], columns, weights, gram)
 
-        numbers = range(len(bodies))
         task = "decomposing displacements"
-        modes = list(map(of_body, numbers)) if comm is None else ranks.shared_out(comm, len(bodies), of_body, task)
+        modes = group.shared_out(len(bodies), of_body, task)
         ends = np.cumsum([0, *(own.shape[1] for own in modes)])
         found = np.zeros((len(columns), ends[-1]))
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
@@ -172,12 +172,7 @@ class Pod(Truncated):
             return None
         if self.norm == "energy":
             return problem.stiffness_of_rows
-        return problem.mass if problem.comm is None else MatrixOfRows(problem.mass, problem.spread)
-
-    @property
-    def by_rows(self) -> bool:
-        """True if it can work on local rows of the displacements."""
-        return True
+        return problem.spread.matrix(problem.mass)
 
     def _of_body(
         self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: csr_matrix | None
@@ -224,6 +219,7 @@ class ForceDeim(Truncated):
         relative: divide the forces of each snapshot by the norm of its displacement first.
     """
 
+    by_rows: ClassVar[bool] = True
     relative: bool = False
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
@@ -233,24 +229,16 @@ class ForceDeim(Truncated):
         weights = _weights(problem.spread.norms(snapshots.displacements)) if self.relative else 1.0
         return problem.contact_slaves[deim(pod(snapshots.forces * weights, self.tolerance)[0])]
 
-    @property
-    def by_rows(self) -> bool:
-        """See :class:`Pod`."""
-        return True
-
 
 @dataclass(frozen=True)
 class LoadNodes:
     """One node for each load: a RID without any load would answer zero to every parameter."""
 
+    by_rows: ClassVar[bool] = True
+
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :func:`load_nodes`."""
         return load_nodes(problem)
-
-    @property
-    def by_rows(self) -> bool:
-        """See :class:`Pod`."""
-        return True
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -31,7 +31,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
-from hhr_dolfinx.ranks import together
 from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
@@ -271,13 +270,11 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
     reductor.check(task)
     if not reductor.own_range and reductor.limits is not None and task.snapshots is not None:
         warn_of_training(task.full, task.snapshots, task.held_out)
-    comm = task.full.problem.comm
-    if comm is not None and (why := reductor.not_by_rows(task)):
+    if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
         task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
         full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
         task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
-        comm = None
-    with nullcontext() if comm is None else together(comm, f"reducing scene '{task.full.scene.name}'"):
+    with task.full.problem.group.together(f"reducing scene '{task.full.scene.name}'"):
         return _driven(reductor, task, reductor.prepare(task, before))
 
 
@@ -333,7 +330,7 @@ def _range_of(task: Task) -> TrainedRange | None:
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
     problem = full.problem
-    if problem.comm is None:
+    if problem.spread.all_here:
         return full, *sets
     return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.group import ALONE, Group
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import LinearStarts
 from hhr_dolfinx.timing import Announce, unannounced
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
 
 STAGE = "starts"
 NO_FIELDS: Any = ModelFields()
@@ -27,7 +24,7 @@ def linear_starts(
     points: np.ndarray,
     pairs: np.ndarray | None,
     active: np.ndarray | None = None,
-    comm: Comm | None = None,
+    group: Group = ALONE,
     announce: Announce = unannounced,
 ) -> LinearStarts:
     """Starts from answers at some points, (S, P), with derivatives; points without an answer are left out.
@@ -40,7 +37,7 @@ def linear_starts(
         points: (S, P).
         pairs: number of the contact pair of each condition, (m,).
         active: statuses to start from there, (S, m) bool; None for those of the free slack.
-        comm: ranks that share the points, if there are several.
+        group: processes that share the points.
         announce: called with the share of the points that are done.
 
     Raises:
@@ -61,8 +58,7 @@ def linear_starts(
         changes = np.where(answer.active[:, None], answer.gradient.multipliers, -answer.gradient.slack)
         return point, answer.active, margins, changes
 
-    places = range(len(points))
-    every = map(start_at, places) if comm is None else ranks.shared_out(comm, len(points), start_at, "finding starts")
+    every = group.shared_out(len(points), start_at, "finding starts")
     found = [item for item in every if item is not None]
     if not found:
         raise ReductionError("no point of the box has an answer: contact rows are dependent, or the box is empty")

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx import ranks, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
+from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.shown import Shown, counted
@@ -200,7 +201,7 @@ class SnapshotSet(Shown):
 
     def gathered(self, problem: ContactProblem) -> SnapshotSet:
         """Gather all rows on every rank, for answers of a problem with distributed rows. Collective."""
-        if self.histories or problem.comm is None:
+        if self.histories or problem.spread.all_here:
             return self
         return replace(self, displacements=problem.spread.whole(self.displacements))
 
@@ -304,7 +305,7 @@ class _Solver:
         full = self.full
         if not _are_paths(queries):
             full.problem.require_no_memory("a set of snapshots at single parameters")
-        with ranks.together(full.comm, "solving for snapshots"):
+        with full.group.together("solving for snapshots"):
             if not _are_paths(queries):
                 own = full.problem.spread.of
                 found = self._answers(full.parameters.points(queries))
@@ -326,7 +327,7 @@ class _Solver:
                     answer = self.full.solve(point, start=start)
                 if answer is None:
                     continue
-                if self.store is not None and self.full.comm.rank == 0:
+                if self.store is not None and self.full.group.number == 0:
                     self.store.save(answer)
             start = answer.active
             yield answer
@@ -334,14 +335,14 @@ class _Solver:
 
     def _stored(self, point: np.ndarray) -> Answer | None:
         """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
-        comm = self.full.comm
+        group = self.full.group
         if self.store is None:
             return None
-        if comm.size == 1:
+        if group.size == 1:
             return self.store.load(point)
-        answer = self.store.read(point) if comm.rank == 0 else None
-        answer = comm.bcast(None if answer is None else answer._replace(fields=NOWHERE))
-        return None if answer is None else self.store.judged(answer._replace(fields=self.full), aloud=comm.rank == 0)
+        answer = None if group.number else self.store.read(point)
+        answer = group.from_first(None if answer is None else answer._replace(fields=NOWHERE))
+        return None if answer is None else self.store.judged(answer._replace(fields=self.full), aloud=group.number == 0)
 
     def _histories(self, paths: Sequence[Path]) -> Iterator[History]:
         parameters = self.full.parameters
@@ -360,10 +361,10 @@ class _Solver:
         if self.store is None:
             return full.march(path, self.settings)
         kept = self.store.steps(path, self.settings)
-        if full.comm.size == 1:
+        if full.group.size == 1:
             return kept.on_disk(full.march(path, self.settings, known=kept.load(), keep=kept.save))
-        first = full.comm.rank == 0
-        known = full.comm.bcast([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
+        first = full.group.number == 0
+        known = full.group.from_first([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
         keep = kept.save if first else lambda answer: None
         return full.march(path, self.settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
 
@@ -383,26 +384,27 @@ def spread_snapshots(
     any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the full model itself is distributed over
     the ranks, all of them solve one query after another.
     """
-    if full.comm.size > 1:
+    group = group_of(comm)
+    if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
-    with ranks.each_for_itself(comm, "solving for snapshots"):
+    with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution
-        mine = ranks.share(len(queries), comm.rank, comm.size)
+        mine = share(len(queries), group.number, group.size)
         if mine:
             own = _Solver(full, progress, store, settings, lost).solved([queries[k] for k in mine])
-    if comm.size == 1:
+    if group.size == 1:
         return _some(own, lost, len(queries))
     if lost is not None:
-        lost.failures = [item for items in comm.allgather(lost.failures) for item in items]
-    if not any(comm.allgather(own is not None)):
+        lost.failures = [item for items in group.gathered(lost.failures) for item in items]
+    if not any(group.gathered(own is not None)):
         return _some(None, lost, len(queries))
     if not _are_paths(queries):
-        return _concatenated([part for part in comm.allgather(own) if part is not None])
+        return _concatenated([part for part in group.gathered(own) if part is not None])
     # an answer refers to its model, which cannot be sent to another rank
     sent = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
-    return SnapshotSet.of_histories(with_fields(item, full) for part in comm.allgather(sent) for item in part)
+    return SnapshotSet.of_histories(with_fields(item, full) for part in group.gathered(sent) for item in part)
 
 
 NOWHERE: Any = None

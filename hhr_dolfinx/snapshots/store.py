@@ -387,10 +387,10 @@ def _digest_of(full: FullModel) -> bytes:
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped kernel whole_contact law comm".split()
-    others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
+    others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
+    others += [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
-    parts += [] if problem.comm is None else _digests_of_rows(problem)
+    parts += [] if problem.spread.all_here else _digests_of_rows(problem)
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
@@ -402,7 +402,6 @@ def _digest_of(full: FullModel) -> bytes:
 
 def _digests_of_rows(problem: ContactProblem) -> list[str]:
     """Digests of the local rows of the large matrices on each rank, in the order of the ranks. Collective."""
-    assert problem.comm is not None
     own = hashlib.sha256()
     add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
-    return problem.comm.allgather(own.hexdigest())
+    return problem.group.gathered(own.hexdigest())

@@ -433,13 +433,13 @@ import numpy as np
 from mpi4py import MPI
 from scenes import pressed_block
 import hhr_dolfinx as hhr
-from hhr_dolfinx import ranks
+from hhr_dolfinx.plugins.ranks import group as ranks
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.certify.constants import smallest_singular_value
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.snapshots.records import spread_snapshots
-ranks.WAIT = {patience}
+ranks.PATIENCE = {patience}
 world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
 scene = pressed_block("plane_strain")
 

@@ -8,15 +8,15 @@ import pytest
 from needs import needs
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.group import share
 from hhr_dolfinx.study.training.parts import train_part
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 20])
 def test_every_place_is_in_one_part(count):
-    shares = [list(ranks.share(count, number, 8)) for number in range(8)]
+    shares = [list(share(count, number, 8)) for number in range(8)]
     assert [place for part in shares for place in part] == list(range(count))
     assert max(map(len, shares)) - min(map(len, shares)) <= 1
 

@@ -10,7 +10,8 @@ from scipy.sparse import random_array
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
+from hhr_dolfinx.group import group_of
+from hhr_dolfinx.linear.rows import rows_of
 
 PROGRAM = """
 import dataclasses, json, sys, warnings
@@ -91,14 +92,14 @@ def of_tables(comm):
     """What rows do, beside numpy on the whole tables; the first of three ranks has none."""
     count = 23
     cuts = np.linspace(0, count, comm.size + 1).astype(int) if comm.size < 3 else np.array([0, 0, 9, count])
-    rows = Rows(slice(*cuts[comm.rank : comm.rank + 2]), count, comm)
+    rows = rows_of(slice(*cuts[comm.rank : comm.rank + 2]), count, group_of(comm))
     draw = np.random.default_rng(1)
     table = draw.standard_normal((count, 40))
     table[:, 7] = table[:, 6]
     table[5] = table[17]  # equal rows
     matrix = random_array((count, count), density=0.3, rng=draw, format="csr")
     own = rows.of(table)
-    product = MatrixOfRows(rows.of(matrix.tocsr()), rows) if comm.size > 1 else matrix
+    product = rows.matrix(rows.of(matrix.tocsr()))
     places = np.array([17, 3, 5, 22, 0])
     turned, triangle = rows.orthonormal(np.asfortranarray(own[:, :12]))
     whole = rows.whole(turned)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import ufl
 from dolfinx.mesh import meshtags
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.formulas import Modulus
 
@@ -52,8 +52,8 @@ class CellStiffness:
 def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """All rows of the parts of K."""
     terms, moduli = part.stiffness_terms()
-    if part.comm.size > 1:
-        terms = tuple(csr_matrix(vstack(part.comm.allgather(term))) for term in terms)
+    if part.group.size > 1:
+        terms = tuple(part.group.stacked(term) for term in terms)
     return terms, moduli
 
 
@@ -62,7 +62,7 @@ def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisati
     mesh = discretisation.mesh
     tags = discretisation._cell_tags
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    first = sum(discretisation.comm.allgather(owned)[: discretisation.comm.rank])
+    first = sum(discretisation.group.gathered(owned)[: discretisation.group.number])
     kept = np.isin(tags.indices, cells - first) & (tags.indices < owned)
     part = copy(discretisation)
     vars(part).pop("_stiffness_form", None)

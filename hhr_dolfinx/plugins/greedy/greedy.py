@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import (
     BudgetWarning,
@@ -25,6 +24,7 @@ from hhr_dolfinx.errors import (
     StudyError,
 )
 from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.group import group_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
@@ -235,7 +235,7 @@ class Greedy:
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]
         found = np.zeros((0, 1))
-        with ranks.each_for_itself(comm, "choosing where to train"):
+        with group_of(comm).each("choosing where to train"):
             try:
                 model = build(full, known, recipe)
             except NotSolvableError as error:  # too few answers for a model: errors are unknown in the whole box

@@ -13,14 +13,14 @@ from mpi4py import MPI
 from scipy.linalg.blas import daxpy
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.linear.rows import Rows
+from hhr_dolfinx.group import group_of, share
+from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
@@ -155,8 +155,8 @@ class FullEquilibrium(MeshEquilibrium):
             return self
         if self._spread is None:
             self._spread = self._sharing(PointsOfRanks(cells, self.per_cell, comm))
-            mine = ranks.share(self.size, comm.rank, comm.size)
-            self._spread._rows = Rows(slice(mine.start, mine.stop), self.size, comm)
+            mine = share(self.size, comm.rank, comm.size)
+            self._spread._rows = rows_of(slice(mine.start, mine.stop), self.size, group_of(comm))
         return self._spread
 
     def _sharing(self, points: PointsOfRanks) -> FullEquilibrium:

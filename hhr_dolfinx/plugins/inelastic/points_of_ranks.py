@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
-from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.errors import ConvergenceError, class_of
+from hhr_dolfinx.group import share
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -21,7 +21,7 @@ class PointsOfRanks(Points):
     """Gauss points of some of all cells on each rank, with neighbours on the same one."""
 
     def __init__(self, cells: int, per_cell: int, comm: MPI.Comm) -> None:
-        shares = [ranks.share(cells, rank, comm.size) for rank in range(comm.size)]
+        shares = [share(cells, rank, comm.size) for rank in range(comm.size)]
         mine = shares[comm.rank]
         self.cells = slice(mine.start, mine.stop)
         self.points = slice(mine.start * per_cell, mine.stop * per_cell)
@@ -56,7 +56,7 @@ class PointsOfRanks(Points):
         if failure is not None and type(failure).__name__ == name:
             raise failure
         message = f"updating the material failed on rank {rank} of {self._comm.size}, {name}: {text}"
-        raise ranks.class_of(name)(message) from failure
+        raise class_of(name)(message) from failure
 
     def place(self, values: np.ndarray) -> int:
         """See :class:`Points`."""

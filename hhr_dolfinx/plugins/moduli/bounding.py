@@ -68,7 +68,7 @@ def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: 
     check_hypotheses(full)
     if full not in _KNOWN:
         # K^-1 of each component needs all rows; the results are as large as the surface
-        whole = full if full.problem.comm is None else full.gathered()
+        whole = full if full.spread.all_here else full.gathered()
         try:
             _KNOWN[full] = _between(whole, solvers or solvers_of(whole), announce)
         except BoundError as error:

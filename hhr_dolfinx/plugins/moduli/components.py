@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
-from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
@@ -292,7 +291,7 @@ class Solver:
         scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
 
-    def _factored(self, matrix: csr_matrix) -> FreeCholesky | SharedCholesky:
+    def _factored(self, matrix: csr_matrix) -> FreeCholesky:
         """Factors of the component of a matrix."""
         full = self._full
         problem = self.problem
@@ -303,10 +302,9 @@ class Solver:
         last = np.unique(problem.contact[self.component.part.conditions].indices)
         name = full.scene.name
         if full.comm.size > 1:
-            given = matrix, dofs, name, full.comm
-            first = full.store.first
-            assert isinstance(first, SharedCholesky)
-            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=first.rows)
+            first: Any = full.store.first
+            shared: FreeCholesky = full.group.factors(matrix, dofs, name, low_rank=low_rank, last=last, rows=first.rows)
+            return shared
         how = slice(0, problem.free.size), name, full.block_ordering, full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 

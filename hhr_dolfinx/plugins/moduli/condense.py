@@ -244,7 +244,7 @@ def _kept_starts(
         return _starts_along_paths(compliances, points, problem, announce)
 
     def starts() -> dict[str, np.ndarray]:
-        known: Any = linear_starts(compliances, points, problem.contact_pairs, comm=full.comm, announce=announce)
+        known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
         return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
 
     known = LinearStarts(**_kept(solvers, f"starts {settings} {len(points)}", starts))
@@ -349,7 +349,7 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
     seen.clear()  # it may take half of the memory of a model
-    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.comm)
+    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.group)
     del displacements
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
@@ -43,6 +43,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.group import group_of
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
@@ -142,7 +143,7 @@ def reduce(
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
-    with ranks.each_for_itself(comm, "preparing a search"):
+    with group_of(comm).each("preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
@@ -166,7 +167,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
     """Result of the first rank, kept in a folder, on all ranks; the others solve for it meanwhile."""
     comm = context.workers.comm
     found: Any = None
-    with ranks.each_for_itself(comm, "a search"):
+    with group_of(comm).each("a search"):
         if comm.rank:
             context.workers.serve()
         else:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx import errors, ranks
+from hhr_dolfinx import errors
+from hhr_dolfinx.errors import class_of
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
@@ -102,7 +103,7 @@ class Workers:
         name, text = item
         if not name:
             raise RuntimeError(f"solving for a full answer failed on another rank: {text}")
-        return ranks.class_of(name)(text)
+        return class_of(name)(text)
 
 
 def _sent(found: Found) -> Any:

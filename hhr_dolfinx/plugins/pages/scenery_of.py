@@ -82,7 +82,7 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     if own or len(drawn) > STRAINED or _stressed_at_rest(full):
         return None
     discretisation = full.discretisation
-    bodies = np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies()))[drawn]
+    bodies = discretisation.group.joined(discretisation.cell_bodies())[drawn]
     components = 6 if scene.hypothesis == "solid" else 4
     rows = csr_matrix((len(drawn) * components, full.problem.free.size))
     for place in np.unique(bodies):

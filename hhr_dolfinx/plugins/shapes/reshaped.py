@@ -52,7 +52,7 @@ class Reshaped:
 
     def __init__(self, discretisation: Any):
         scene = discretisation.scene
-        if discretisation.comm.size > 1:
+        if discretisation.group.size > 1:
             raise SceneError(f"the shape of scene '{scene.name}' depends on parameters: build its model on one rank")
         self._owner = discretisation
         self._lock = RLock()

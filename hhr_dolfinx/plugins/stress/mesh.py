@@ -102,7 +102,7 @@ def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: in
         cells: increasing, in the order of ``cell_nodes``, (c,).
         place: index of the body in the scene.
     """
-    first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
+    first = sum(discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
     return _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
 
@@ -141,7 +141,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
 
 def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
     """Arrays of the cells of all ranks, concatenated."""
-    return [np.concatenate(part) for part in zip(*discretisation.comm.allgather(parts), strict=True)]
+    return [np.concatenate(part) for part in zip(*discretisation.group.gathered(parts), strict=True)]
 
 
 def energy_of(probe: ModelProbe, output: ElasticEnergy) -> Functional:

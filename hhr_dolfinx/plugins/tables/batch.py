@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
+from hhr_dolfinx.group import group_of
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
@@ -40,8 +40,8 @@ def ranks_of(comm: Comm | None) -> tuple[int, int]:
 
 
 def each_for_itself(comm: Comm | None, task: str) -> AbstractContextManager[None]:
-    """A block that each rank executes independently, see :func:`hhr_dolfinx.ranks.each_for_itself`."""
-    return nullcontext() if comm is None else ranks.each_for_itself(comm, task)
+    """A block that each rank executes independently, see :meth:`hhr_dolfinx.group.Group.each`."""
+    return nullcontext() if comm is None else group_of(comm).each(task)
 
 
 class Answers(NamedTuple):

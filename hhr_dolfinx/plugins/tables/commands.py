@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.command.speaking import resumable, spoken
 from hhr_dolfinx.command.words import KNOWN, NO_ANSWER, PART, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.group import share
 
 with extra("study", "the command hhr"):
     import click
@@ -50,7 +50,7 @@ def answer(
     console, progress = spoken()
     loaded = model_of(model, known)
     rows = read_points(table, loaded.parameters)
-    rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
+    rows = rows if part is None else [rows[k] for k in share(len(rows), part[0] - 1, part[1])]
     if loaded.equilibrium is not None:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)

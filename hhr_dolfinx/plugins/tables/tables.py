@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
+from hhr_dolfinx.group import world
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query, each_for_itself, ranks_of
@@ -120,7 +120,7 @@ def answer_table(
         FileError: if the answers cannot be written.
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
-    comm = ranks.world()
+    comm = world()
     rank, size = ranks_of(comm)
     blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
     with each_for_itself(comm, "preparing the answers"):

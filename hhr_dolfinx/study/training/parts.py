@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.scene import Scene
@@ -56,7 +56,7 @@ def train_part(
         StudyError: for a part that does not exist, and for an invalid training.
         NotOfferedError: for a greedy training, whose choices each need all answers before.
     """
-    with ranks.each_for_itself(comm, "checking what to train on"):
+    with group_of(comm).each("checking what to train on"):
         if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
             raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
         queries, apart = checked_training(scene, training, held_out, seed)
@@ -66,16 +66,16 @@ def train_part(
                 "Sobol(512) or a list of paths, or run it on several ranks"
             )
         target = checked_folder(folder)
-    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+    with group_of(comm).each(f"building the full model of scene '{scene.name}'"):
         full = FullOrderModel(scene, MPI.COMM_SELF)
         store = SnapshotStore(target, full)
     others = apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
     counts = []
     for label, given in (("snapshots", queries), ("held out", others)):
-        mine = [given[k] for k in ranks.share(len(given), number - 1, parts)]
+        mine = [given[k] for k in share(len(given), number - 1, parts)]
         counts.append(len(mine))
         if mine:
             lost = Lost()
             spread_snapshots(full, mine, comm, progress(label), store, march, lost)
             lost.warn(len(mine), 1, f"queries of part {number} of {parts}")
-    return PartSolved(counts[0], counts[1], comm.allreduce(store.found))
+    return PartSolved(counts[0], counts[1], group_of(comm).total(store.found))

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.group import Group, group_of
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.shown import Shown, counted
@@ -27,7 +28,6 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
-from hhr_dolfinx.study.training.sharing import no_room_side_by_side
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Training(Shown):
     @cached_property
     def everywhere(self) -> Training:
         """The same with all rows on each rank, if the full model is distributed; else itself."""
-        if self.full_order.problem.comm is None:
+        if self.full_order.spread.all_here:
             return self
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
@@ -162,48 +162,49 @@ def train(
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
     """
     log = StageLog()
-    with ranks.each_for_itself(comm, "checking what to train on"):
+    group = group_of(comm)
+    with group.each("checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
-        full = _full_model(scene, comm, together, log)
-        if full.problem.comm is not None:
+        full = _full_model(scene, group, together, log)
+        if not full.spread.all_here:
             full = _with_rows(full, queries, log)
-    with ranks.each_for_itself(comm, "opening the folder of answers"):
+    with group.each("opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"), full.strains.paused():
-        snapshots, choice = _solved(full, queries, comm, progress, store, march)
+        snapshots, choice = _solved(full, queries, group, progress, store, march)
     kept = None
     if apart:
         with log.stage("held_out"), full.strains.paused():
             # a number of points is chosen by forces, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
-            given = comm.bcast(given)
+            given = group.from_first(given)
             lost = Lost()
-            kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
+            kept = spread_snapshots(full, given, group.comm, progress("held out"), store, march, lost)
             lost.warn(len(given), 1, "queries held out")
     check_small_strains(full, snapshots, kept)
     # ranks of a distributed model have found the same
-    counts = comm.allgather(0 if store is None else store.found)
-    found = max(counts) if full.comm.size > 1 else sum(counts)
+    counts = group.gathered(0 if store is None else store.found)
+    found = max(counts) if full.group.size > 1 else sum(counts)
     if found:
         total = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {total} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
 
 
-def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
+def _full_model(scene: Scene, group: Group, together: bool | None, log: StageLog) -> FullOrderModel:
     """A full model on each rank, or one distributed over all ranks."""
-    why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
-    if why and comm.size > 1:
+    why = group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
+    if why and group.size > 1:
         if scene.shapes:
             raise StudyError(
                 f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
                 "leave together out, and they work side by side"
             )
-        log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
-        return FullOrderModel(scene, comm)
-    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
+        return FullOrderModel(scene, group.comm)
+    with group.each(f"building the full model of scene '{scene.name}'"):
         return FullOrderModel(scene, MPI.COMM_SELF)
 
 
@@ -217,7 +218,7 @@ def _with_rows(full: FullOrderModel, queries: object, log: StageLog) -> FullOrde
 
 
 def _solved(
-    full: FullOrderModel, queries: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
+    full: FullOrderModel, queries: Any, group: Group, progress: Progress, store: Any, march: MarchSettings
 ) -> tuple[SnapshotSet, Any]:
     """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
@@ -225,14 +226,14 @@ def _solved(
     if chooses_itself(queries):
 
         def solve(points: Any) -> SnapshotSet:
-            return spread_snapshots(full, points, comm, iter, store, march, lost)
+            return spread_snapshots(full, points, group.comm, iter, store, march, lost)
 
         # ranks share candidates if each has a full model
         snapshots, choice = queries.grown(
-            full, solve, MPI.COMM_SELF if full.comm.size > 1 else comm, progress("greedy"), store
+            full, solve, MPI.COMM_SELF if full.group.size > 1 else group.comm, progress("greedy"), store
         )
     else:
-        snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
+        snapshots = spread_snapshots(full, queries, group.comm, progress("snapshots"), store, march, lost)
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space, free_gigabytes
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.ranks.group import Ranks
 
 ROOM = 0.8
 """Part of the free memory that full models may take: answers and models need some too."""
 
 
-def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
+def no_room_side_by_side(scene: Scene, group: Ranks) -> str:
     """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
 
     One rank of each machine generates the mesh, from which the memory in space is estimated. Problems with shape
     parameters are never distributed, and models in the plane are small.
     """
-    if comm.size == 1 or scene.hypothesis != "solid" or scene.shapes:
+    if scene.hypothesis != "solid" or scene.shapes:
         return ""
-    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    machine = group.comm.Split_type(MPI.COMM_TYPE_SHARED)
     why = ""
-    with ranks.each_for_itself(comm, f"looking at the size of scene '{scene.name}'"):
+    with group.each(f"looking at the size of scene '{scene.name}'"):
         room = free_gigabytes()
         if machine.rank == 0 and room is not None:
             rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
@@ -31,4 +35,4 @@ def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
             if machine.size * needed > ROOM * room:
                 why = f"{machine.size} full models of about {needed:.2g} GB have no room in {room:.2g} GB of memory"
     machine.Free()
-    return next((item for item in comm.allgather(why) if item), "")
+    return next((item for item in group.gathered(why) if item), "")

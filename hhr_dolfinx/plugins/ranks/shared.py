@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import csr_matrix, spmatrix
 
-from hhr_dolfinx import ranks
-from hhr_dolfinx.linear.rows import Rows
+from hhr_dolfinx.group import share
 from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.plugins.ranks.rows import RowsOfRanks
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -27,7 +27,7 @@ class SharedCholesky:
         self._factors = factors
         self.rows = rows
         self._own = own
-        self._whole = Rows(rows, stiffness.shape[0], comm).whole
+        self._whole = RowsOfRanks(rows, stiffness.shape[0], comm).whole
         self._factored: csr_matrix | None = stiffness
         self.lock = factors.lock
         self.low_rank = factors.low_rank
@@ -39,7 +39,7 @@ class SharedCholesky:
     ) -> SharedCholesky:  # fmt: skip
         """Factor K, CSR, (N, N), see :class:`FreeCholesky`; by default ranks have equal shares of rows."""
         if rows is None:
-            own = ranks.share(len(free), comm.rank, comm.size)
+            own = share(len(free), comm.rank, comm.size)
             rows = slice(own.start, own.stop)
         held = stiffness[rows]
         factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)

@@ -1,0 +1,120 @@
+"""Processes that work on a problem together: one by itself, or, by the plug-in with the tool ``group``, several."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import registry
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+    from scipy.sparse import csr_matrix
+
+_LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS")
+"""Environment variables that launchers set for their processes."""
+
+
+def world() -> Comm | None:
+    """Communicator of all processes that a launcher started; None for a single process, which does not load MPI."""
+    if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHERS):
+        return None
+    try:
+        from mpi4py import MPI
+    except ImportError:
+        return None
+    return MPI.COMM_WORLD
+
+
+def share(count: int, number: int, parts: int) -> range:
+    """Contiguous share of ``count`` indices for one of ``parts`` workers, with numbers from 0."""
+    each, more = divmod(count, parts)
+    first = number * each + min(number, more)
+    return range(first, first + each + (number < more))
+
+
+class Group:
+    """One process, with the communicator that DOLFINx and PETSc get; all methods are collective.
+
+    Attributes:
+        comm: the communicator.
+        size: number of processes.
+        number: number of this process, from 0.
+    """
+
+    size: int = 1
+    number: int = 0
+
+    def __init__(self, comm: Any = None):
+        self.comm = comm
+
+    def gathered(self, value: Any) -> list[Any]:
+        """Value of each process, on all of them."""
+        return [value]
+
+    def joined(self, values: np.ndarray) -> np.ndarray:
+        """Arrays of all processes, concatenated."""
+        return values
+
+    def stacked(self, rows: csr_matrix) -> csr_matrix:
+        """Rows of a matrix of all processes."""
+        return rows
+
+    def total(self, value: Any) -> Any:
+        """Sum over the processes."""
+        return value
+
+    def from_first(self, value: Any) -> Any:
+        """Value of the first process, on all of them; the others may give anything."""
+        return value
+
+    def each(self, task: str) -> AbstractContextManager[None]:
+        """Run a block that each process executes independently; if it fails on one, all raise."""
+        return nullcontext()
+
+    def together(self, task: str) -> AbstractContextManager[None]:
+        """Run a collective block; if it fails on some processes only, the run is ended on all."""
+        return nullcontext()
+
+    def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
+        """Distribute ``count`` tasks, and gather all results on every process."""
+        return [work(number) for number in range(count)]
+
+    def no_room_side_by_side(self, scene: Any) -> str:
+        """Reason why full models, one for each process, exceed the memory of a machine; empty if they fit."""
+        return ""
+
+    def shared_factors(self, factors: Any, rows: slice, own: csr_matrix, whole: csr_matrix) -> Any:
+        """Factors of a matrix of which each process has all rows, by those of its ``rows``, ``own``."""
+        return factors
+
+    def factors(
+        self, matrix: csr_matrix, free: np.ndarray, scene: str, *, low_rank: float | None, last: np.ndarray | None,
+        rows: slice | None = None,
+    ) -> Any:  # fmt: skip
+        """``FreeCholesky`` that the processes share of a matrix of which each has all rows; equal shares by default."""
+        raise NotImplementedError  # one process makes its own
+
+    def rows(self, own: slice, count: int) -> Any:
+        """``Rows`` of tables of which each process has some, of ``count`` rows."""
+        raise NotImplementedError  # one process has all rows
+
+
+ALONE = Group()
+
+
+def group_of(comm: Comm) -> Group:
+    """The processes of a communicator.
+
+    Raises:
+        NotOfferedError: for several of them, if no installed plug-in serves these.
+    """
+    if comm.size == 1:
+        return Group(comm)
+    several: Group = registry.tool("group", f"work on {comm.size} ranks")(comm)
+    return several

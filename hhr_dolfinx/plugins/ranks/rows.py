@@ -1,0 +1,202 @@
+"""Operations on tables with a row for each dof, (N, k), of which each rank stores the rows of its dofs.
+
+Ranks exchange only a few small arrays: products of tables, (k, k), rows at some dofs, and the rows of neighbours that a
+sparse matrix needs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.linear.rows import Rows
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+
+PANEL = 32
+"""Columns in one exchange of rows between neighbours."""
+
+
+class RowsOfRanks(Rows):
+    """Rows of which each rank has those of its dofs, after the ones of the ranks before it."""
+
+    all_here = False
+
+    def __init__(self, own: slice, count: int, comm: Comm) -> None:
+        super().__init__(own, count)
+        self.comm = comm
+
+    def sum(self, part: Any) -> Any:
+        """See :class:`Rows`."""
+        given = np.ascontiguousarray(part, dtype=float)
+        found = np.empty_like(given)
+        self.comm.Allreduce(given, found)
+        return found.reshape(np.shape(part)) if np.ndim(part) else float(found[0])
+
+    def of(self, table: Any) -> Any:
+        """See :class:`Rows`."""
+        return table[self.own]
+
+    def mine(self, places: np.ndarray) -> np.ndarray:
+        """See :class:`Rows`."""
+        return places[(places >= self.own.start) & (places < self.own.stop)] - self.own.start
+
+    def at(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """See :class:`Rows`."""
+        found = np.zeros((len(places), *table.shape[1:]))
+        here = (places >= self.own.start) & (places < self.own.stop)
+        found[here] = table[places[here] - self.own.start]
+        return self.sum(found)
+
+    def whole(self, table: np.ndarray) -> np.ndarray:
+        """See :class:`Rows`; in Fortran order."""
+        if table.ndim == 1:
+            return self.whole(table[:, None])[:, 0]
+        ends = np.cumsum([0, *self.comm.allgather(len(table))])
+        found = np.empty((self.count, table.shape[1]), order="F")
+        for first in range(0, table.shape[1], PANEL):
+            panel = found[:, first : first + PANEL]
+            own = np.ascontiguousarray(table[:, first : first + PANEL].T, dtype=float)
+            every = np.empty(panel.size)
+            self.comm.Allgatherv(own, (every, np.diff(ends) * panel.shape[1]))
+            parts = np.split(every, ends[1:-1] * panel.shape[1])
+            for start, end, part in zip(ends[:-1], ends[1:], parts, strict=True):
+                panel[start:end] = part.reshape(panel.shape[1], -1).T
+        return found
+
+    def largest(self, values: np.ndarray) -> tuple[int, float]:
+        """See :class:`Rows`."""
+        place = int(values.argmax()) if values.size else 0
+        best = (float(values[place]), -(place + self.own.start)) if values.size else (-np.inf, 0)
+        value, place = max(self.comm.allgather(best))
+        return -place, value
+
+    def first(self, value: object) -> Any:
+        """See :class:`Rows`."""
+        return self.comm.bcast(value)
+
+    def alike(self, value: object) -> bool:
+        """See :class:`Rows`."""
+        return len(set(self.comm.allgather(value))) == 1
+
+    def norms(self, table: np.ndarray) -> np.ndarray:
+        """See :class:`Rows`."""
+        return np.sqrt(self.sum(np.einsum("nk,nk->k", table, table)))
+
+    def orthonormal(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Rows`.
+
+        Each rank decomposes its rows, then all decompose the stacked triangles: exact to round-off, unlike a Gram
+        matrix (J. Demmel et al., Communication-optimal parallel and sequential QR and LU factorizations, 2012).
+        """
+        own, triangle = super().orthonormal(table)
+        triangles = self.comm.allgather(triangle)
+        ends = np.cumsum([0, *map(len, triangles)])
+        turns, found = self.first(linalg.qr(np.vstack(triangles), mode="economic"))
+        rank = self.comm.rank
+        return own @ turns[ends[rank] : ends[rank + 1]], found
+
+    def matrix(self, own: csr_matrix) -> MatrixOfRows:
+        """See :class:`Rows`."""
+        return MatrixOfRows(own, self)
+
+    def columns(self, matrix: csr_matrix) -> csr_matrix:
+        """See :class:`Rows`."""
+        return csr_matrix(matrix[:, self.own])
+
+    def modes(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ModesOfRows:
+        """See :class:`Rows`."""
+        return ModesOfRows(problem, basis, sets)
+
+
+class MatrixOfRows:
+    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k). Collective."""
+
+    def __init__(self, matrix: csr_matrix, rows: RowsOfRanks) -> None:
+        self._comm = rows.comm
+        first = rows.own.start
+        if not matrix.has_canonical_format:  # scipy would sort the entries of the argument in place
+            matrix = matrix.copy()
+            matrix.sum_duplicates()
+        columns = np.unique(matrix.indices)
+        needed = columns[(columns < first) | (columns >= rows.own.stop)]
+        self._before = np.searchsorted(needed, first)
+        # sorted by number, so that columns remain sorted
+        near = np.insert(needed, self._before, np.arange(first, rows.own.stop))
+        places = np.searchsorted(near, matrix.indices).astype(matrix.indices.dtype)
+        self._matrix = csr_matrix((matrix.data, places, matrix.indptr), shape=(matrix.shape[0], near.size))
+        starts = np.array(self._comm.allgather(first))
+        owner = np.searchsorted(starts, needed, side="right") - 1
+        wanted = [needed[owner == rank] for rank in range(self._comm.size)]
+        self._received = np.array([part.size for part in wanted])
+        requested = self._comm.alltoall(wanted)
+        self._sent = np.array([part.size for part in requested])
+        self._given = np.concatenate(requested).astype(np.int64) - first
+
+    def alike(self, matrix: csr_matrix) -> MatrixOfRows:
+        """Local rows of another matrix, with entries at the same positions in the same order."""
+        places = self._matrix.indices, self._matrix.indptr
+        return self._with(csr_matrix((matrix.data, *places), shape=self._matrix.shape))
+
+    def cut(self, places: np.ndarray) -> MatrixOfRows:
+        """Select local rows by their indices: products are then (n, k); neighbours send the same rows as before."""
+        return self._with(csr_matrix(self._matrix[places]))
+
+    def __abs__(self) -> MatrixOfRows:
+        """Matrix with the absolute values of the entries."""
+        return self._with(abs(self._matrix))
+
+    def _with(self, matrix: csr_matrix) -> MatrixOfRows:
+        found = object.__new__(MatrixOfRows)
+        vars(found).update(vars(self) | {"_matrix": matrix})
+        return found
+
+    def __matmul__(self, table: np.ndarray) -> np.ndarray:
+        """Multiply a table, (own, k), or the local entries of a vector, (own,)."""
+        if table.ndim == 1:
+            return self._times(table[:, None])[:, 0]
+        if table.shape[1] <= PANEL:
+            return self._times(table)
+        found = np.empty(table.shape, order="F")
+        for first in range(0, table.shape[1], PANEL):
+            part = slice(first, first + PANEL)
+            found[:, part] = self._times(table[:, part])
+        return found
+
+    def _times(self, table: np.ndarray) -> np.ndarray:
+        width = table.shape[1]
+        beside = np.empty((self._received.sum(), width))
+        given = np.ascontiguousarray(table[self._given], dtype=float)
+        self._comm.Alltoallv((given, width * self._sent), (beside, width * self._received))
+        return self._matrix @ np.concatenate([beside[: self._before], table, beside[self._before :]])
+
+
+class ModesOfRows:
+    """Distributed modes, (own, ell): each rank tests with the rows of its dofs in A."""
+
+    def __init__(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets):
+        self._rows = problem.spread
+        self._stiffness: Any = problem.stiffness_of_rows
+        self._basis = basis
+        self._inside = self._rows.mine(sets.A)
+        self._test = basis[self._inside]
+
+    def projected(self, stiffness: csr_matrix) -> np.ndarray:
+        """V^T K V, tested on A, (ell, ell)."""
+        inside = self._stiffness.alike(stiffness).cut(self._inside)
+        found = np.empty((self._basis.shape[1],) * 2)
+        for first in range(0, len(found), PANEL):
+            part = slice(first, first + PANEL)
+            found[:, part] = self._test.T @ (inside @ self._basis[:, part])
+        return self._rows.sum(found)
+
+    def tested(self, columns: object) -> np.ndarray:
+        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
+        own = csr_matrix(columns)[self._rows.own][self._inside]
+        return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))
