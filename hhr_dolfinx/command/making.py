@@ -106,7 +106,7 @@ def train(
 
 
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
-    from hhr_dolfinx.study.training.parts import train_part
+    from hhr_dolfinx.study.training.train import train_part
 
     found = train_part(scene, training, *part, folder, **how)
     if first_rank():

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -15,24 +15,29 @@ from mpi4py import MPI
 from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.expected import expected_in_space, free_gigabytes
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.shown import Shown, counted
+from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, everywhere, made
 from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
-from hhr_dolfinx.study.training.sharing import no_room_side_by_side
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.model import KeptModel
+
+ROOM = 0.8
+"""Part of the free memory that full models may take: answers and models need some too."""
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -192,6 +197,27 @@ def train(
     return Training(full, snapshots, kept, log, choice, found)
 
 
+def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
+    """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
+
+    One rank of each machine generates the mesh, from which the memory in space is estimated. Problems with shape
+    parameters are never distributed, and models in the plane are small.
+    """
+    if comm.size == 1 or scene.hypothesis != "solid" or scene.shapes:
+        return ""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    why = ""
+    with ranks.each_for_itself(comm, f"looking at the size of scene '{scene.name}'"):
+        room = free_gigabytes()
+        if machine.rank == 0 and room is not None:
+            rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
+            needed = expected_in_space(rows.matrix).gigabytes
+            if machine.size * needed > ROOM * room:
+                why = f"{machine.size} full models of about {needed:.2g} GB have no room in {room:.2g} GB of memory"
+    machine.Free()
+    return next((item for item in comm.allgather(why) if item), "")
+
+
 def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
     """A full model on each rank, or one distributed over all ranks."""
     why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
@@ -236,6 +262,66 @@ def _solved(
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
+
+
+class PartSolved(NamedTuple):
+    """Numbers of the training queries of a part, of those held out, and of answers that existed already."""
+
+    training: int
+    held_out: int
+    read: int
+
+
+def train_part(
+    scene: Scene,
+    training: object,
+    number: int,
+    parts: int,
+    folder: str | Path,
+    *,
+    held_out: object = None,
+    seed: int = 1,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    march: MarchSettings = DEFAULT_MARCH,
+    progress: Progress = silent,
+) -> PartSolved:
+    """Solve one of several parts of a training, the work of a job of an array; parts share only the folder of answers.
+
+    After all parts, ``train(scene, training, folder=folder)`` with the same arguments reads them, and solves the
+    missing ones: held-out points with grazing contact, which depend on all training answers.
+
+    Args:
+        scene, training, held_out, seed, comm, march, progress: see :func:`train`.
+        number, parts: number of this part, from 1 on, and of all parts.
+        folder: keeps the answers.
+
+    Raises:
+        StudyError: for a part that does not exist, and for an invalid training.
+        NotOfferedError: for a greedy training, whose choices each need all answers before.
+    """
+    with ranks.each_for_itself(comm, "checking what to train on"):
+        if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
+            raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
+        queries, apart = checked_training(scene, training, held_out, seed)
+        if chooses_itself(queries):
+            raise NotOfferedError(
+                "a greedy training chooses each point from all answers before it, and has no parts: give a grid, "
+                "Sobol(512) or a list of paths, or run it on several ranks"
+            )
+        target = checked_folder(folder)
+    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        full = FullOrderModel(scene, MPI.COMM_SELF)
+        store = SnapshotStore(target, full)
+    others = apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
+    counts = []
+    for label, given in (("snapshots", queries), ("held out", others)):
+        mine = [given[k] for k in ranks.share(len(given), number - 1, parts)]
+        counts.append(len(mine))
+        if mine:
+            lost = Lost()
+            spread_snapshots(full, mine, comm, progress(label), store, march, lost)
+            lost.warn(len(mine), 1, f"queries of part {number} of {parts}")
+    return PartSolved(counts[0], counts[1], comm.allreduce(store.found))
 
 
 def chooses_itself(training: object) -> bool:
