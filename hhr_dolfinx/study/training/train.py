@@ -159,9 +159,8 @@ def train(
         comm: communicator over which the training is distributed.
         march: settings of histories.
         progress: for progress bars.
-        together: whether one full model is distributed over the ranks, with its factors, and answers and
-            bases too if :func:`~hhr_dolfinx.reduction.build.not_by_rows` has no reason against it; all of them
-            then build models together. None decides by their memory.
+        together: whether one full model is distributed over the ranks, with its factors, answers and bases (unless
+            :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build models together; None: by memory.
 
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
@@ -171,9 +170,7 @@ def train(
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
-        full = _full_model(scene, comm, together, log)
-        if full.problem.comm is not None:
-            full = _with_rows(full, queries, log)
+        full = _full_model(scene, comm, together, queries, log)
     with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"), full.strains.paused():
@@ -184,9 +181,7 @@ def train(
             # a number of points is chosen by forces, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
             given = comm.bcast(given)
-            lost = Lost()
-            kept = spread_snapshots(full, given, comm, progress("held out"), store, march, lost)
-            lost.warn(len(given), 1, "queries held out")
+            kept = _answered(full, given, comm, progress("held out"), store, march, "queries held out")
     check_small_strains(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = comm.allgather(0 if store is None else store.found)
@@ -218,28 +213,34 @@ def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
     return next((item for item in comm.allgather(why) if item), "")
 
 
-def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
-    """A full model on each rank, or one distributed over all ranks."""
+def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, queries: object, log: StageLog) -> FullOrderModel:
+    """A full model on each rank, or one distributed over all ranks, by rows if it reduces by rows."""
     why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
-    if why and comm.size > 1:
-        if scene.shapes:
-            raise StudyError(
-                f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
-                "leave together out, and they work side by side"
-            )
-        log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
-        return FullOrderModel(scene, comm)
-    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
-        return FullOrderModel(scene, MPI.COMM_SELF)
-
-
-def _with_rows(full: FullOrderModel, queries: object, log: StageLog) -> FullOrderModel:
-    """A distributed full model, with all rows on each rank if it does not reduce by rows."""
+    if not why or comm.size == 1:
+        with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+            return FullOrderModel(scene, MPI.COMM_SELF)
+    if scene.shapes:
+        raise StudyError(
+            f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
+            "leave together out, and they work side by side"
+        )
+    log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
+    full = FullOrderModel(scene, comm)
     why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
-    if not why:
+    if full.problem.comm is None or not why:
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
     return full.gathered()
+
+
+def _answered(
+    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Any, store: Any, march: MarchSettings, what: str
+) -> SnapshotSet:
+    """Answers to queries; warns of those without one."""
+    lost = Lost()
+    found = spread_snapshots(full, given, comm, progress, store, march, lost)
+    lost.warn(len(given), 1, what)
+    return found
 
 
 def _solved(
@@ -318,9 +319,7 @@ def train_part(
         mine = [given[k] for k in ranks.share(len(given), number - 1, parts)]
         counts.append(len(mine))
         if mine:
-            lost = Lost()
-            spread_snapshots(full, mine, comm, progress(label), store, march, lost)
-            lost.warn(len(mine), 1, f"queries of part {number} of {parts}")
+            _answered(full, mine, comm, progress(label), store, march, f"queries of part {number} of {parts}")
     return PartSolved(counts[0], counts[1], comm.allreduce(store.found))
 
 
