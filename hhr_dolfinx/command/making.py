@@ -101,13 +101,13 @@ def train(
         return
     save_model(target, model)
     problem = full.problem
-    console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
+    console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
 
 
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
-    from hhr_dolfinx.study.training.parts import train_part
+    from hhr_dolfinx.study.training.train import train_part
 
     found = train_part(scene, training, *part, folder, **how)
     if first_rank():
@@ -116,16 +116,6 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
             f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
             highlight=False,
         )
-
-
-def _described(model: Any) -> str:
-    if hasattr(model, "models"):
-        sizes = [len(one.problem.stiffness) for one in model.models]
-        return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
-    if hasattr(model.fields, "A_lambda"):
-        cells = "" if model.offline is None else f" on {len(model.offline.sets.cells)} cells"
-        return f"{len(model.problem.stiffness)} modes and {len(model.fields.A_lambda)} contacts{cells}"
-    return f"{model.conditions} contacts, all of them kept"
 
 
 def settings_of(scene: str) -> StudySettings | None:

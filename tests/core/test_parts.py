@@ -11,7 +11,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import share
-from hhr_dolfinx.study.training.parts import train_part
+from hhr_dolfinx.study.training.train import train_part
 
 
 @pytest.mark.parametrize("count", [0, 1, 7, 8, 20])

@@ -10,7 +10,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,21 +31,19 @@ class Found:
         return said + (f": {self.lacks}" if self.lacks else "")
 
 
-def dolfinx() -> Found:
-    """Check DOLFINx and its PETSc."""
+def solvers() -> list[Found]:
+    """Check DOLFINx, PETSc with SLEPc, and MUMPS."""
     try:
         compat.require_dolfinx()
     except ImportError as error:
-        return Found("DOLFINx", "", str(error))
-    return Found("DOLFINx", compat.versions()["dolfinx"])
-
-
-def petsc() -> Found:
-    """Check PETSc and SLEPc."""
-    if dolfinx().lacks:
-        return Found("PETSc", "", "comes with DOLFINx")
+        return [
+            Found("DOLFINx", "", str(error)),
+            Found("PETSc", "", "comes with DOLFINx"),
+            Found("MUMPS", "", "comes with PETSc"),
+        ]
     found = compat.versions()
-    return Found("PETSc", f"{found['petsc']}, SLEPc {found['slepc']}")
+    petsc = Found("PETSc", f"{found['petsc']}, SLEPc {found['slepc']}")
+    return [Found("DOLFINx", found["dolfinx"]), petsc, mumps()]
 
 
 _FACTORS = """
@@ -74,8 +71,6 @@ pc.setUp()
 
 def mumps() -> Found:
     """Check MUMPS in a separate process: it prints its version on the console, and may be missing."""
-    if dolfinx().lacks:
-        return Found("MUMPS", "", "comes with PETSc")
     run = _output_of([sys.executable, "-c", _FACTORS])
     lacks = re.search(r"^lacks (.*)$", run, re.MULTILINE)
     if lacks is None:
@@ -101,34 +96,25 @@ def gmsh() -> Found:
     return Found("gmsh", said[1], "" if said[2] == "True" else "MED, so that .med files are refused: write .msh")
 
 
-def program(name: str, commands: tuple[str, ...], use: str) -> Callable[[], Found]:
-    """Check of a program by the first of some commands that exists."""
-
-    def found() -> Found:
-        beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
-        for command in filter(None, (shutil.which(one, path=beside) for one in commands)):
-            version = re.search(r"\d+(\.\d+)+", _output_of([command, "--version"]))
-            return Found(name, version[0] if version else "of unknown version")
-        return Found(name, "", use)
-
-    return found
-
-
-CHECKS: tuple[Callable[[], Found], ...] = (
-    dolfinx,
-    petsc,
-    mumps,
-    gmsh,
-    program("compiler", ("cc", "gcc"), "DOLFINx compiles forms with it: install gcc and libc6-dev"),
-    program("mpirun", ("mpirun", "mpiexec"), "only runs on several ranks need it"),
-    program("node", ("node", "nodejs"), "only tests of pages need it"),
-    program("chromium", ("chromium", "chromium-browser", "google-chrome"), "only tests of pages need it"),
-)
+def program(name: str, commands: tuple[str, ...], use: str) -> Found:
+    """Check a program by the first of some commands that exists."""
+    beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
+    for command in filter(None, (shutil.which(one, path=beside) for one in commands)):
+        version = re.search(r"\d+(\.\d+)+", _output_of([command, "--version"]))
+        return Found(name, version[0] if version else "of unknown version")
+    return Found(name, "", use)
 
 
 def examined() -> list[Found]:
     """Results of all checks."""
-    return [check() for check in CHECKS]
+    return [
+        *solvers(),
+        gmsh(),
+        program("compiler", ("cc", "gcc"), "DOLFINx compiles forms with it: install gcc and libc6-dev"),
+        program("mpirun", ("mpirun", "mpiexec"), "only runs on several ranks need it"),
+        program("node", ("node", "nodejs"), "only tests of pages need it"),
+        program("chromium", ("chromium", "chromium-browser", "google-chrome"), "only tests of pages need it"),
+    ]
 
 
 def _output_of(command: list[str]) -> str:

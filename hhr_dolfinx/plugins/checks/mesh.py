@@ -170,7 +170,8 @@ def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[in
 
     Depths are those below the nearest facet of the other surface.
     """
-    look, mesh = MeshLook.of(found), found.meshed.mesh
+    look = MeshLook.of(found)
+    mesh = found.meshed.mesh
     bodies = [place for place in range(len(found.scene.bodies)) if look.nodes_of(place)[second.nodes].all()]
     points = np.zeros((len(first.nodes), 3))
     points[:, : look.points.shape[1]] = first.points
@@ -246,7 +247,8 @@ def _stiffness_apart(found: SceneCheck) -> None:
     known = sorted((pair for pair in pairs if not np.isnan(pair[0])), key=lambda pair: pair[0])
     if not known:
         return
-    (soft, softest), *_, (stiff, stiffest) = *known, known[-1]
+    soft, softest = known[0]
+    stiff, stiffest = known[-1]
     if stiff > APART * soft:
         found.note(
             f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "

@@ -129,8 +129,7 @@ def reduce(
         comm: ranks, of which the first one searches; all solve for full answers, each with a full model.
 
     Returns:
-        The model, or on other ranks than the first one a copy of it. Print ``model.reduction``, a :class:`Reduction`,
-        for the record of the search.
+        The model, a copy of it on other ranks than the first. Its ``reduction``, a :class:`Reduction`, is the record.
 
     Raises:
         ParameterError: for an invalid target or budget.
@@ -149,11 +148,8 @@ def reduce(
         target = Target.checked(error, of, full)
         if fallback and len(norms := target.of) > 1:
             raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
-        kept = None if folder is None else _free_folder(folder, full.scene.name)
-        store = None if kept is None else SnapshotStore(kept / "snapshots", full)
+        kept, store, arrays = _opened(folder, full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
-    # solutions of connected components, next to full answers
-    arrays = None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
     context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
@@ -200,6 +196,17 @@ def _keep_record(folder: Path | None, reduction: Reduction) -> None:
         return
     with replacing(make_folder(folder) / KEPT, text=True) as file:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
+
+
+def _opened(
+    folder: str | Path | None, full: FullOrderModel
+) -> tuple[Path | None, SnapshotStore | None, ArrayStore | None]:
+    """Folder of the results, and in it stores of full answers and of solutions of connected components."""
+    if folder is None:
+        return None, None, None
+    kept = _free_folder(folder, full.scene.name)
+    store = SnapshotStore(kept / "snapshots", full)
+    return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
 
 
 def _free_folder(folder: str | Path, scene: str) -> Path:

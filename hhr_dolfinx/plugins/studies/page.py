@@ -272,7 +272,7 @@ def output_rows(outputs: Mapping[str, Any]) -> list[list[str]]:
     for name, item in outputs.items():
         figures = _mapping(item)
         errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
-        rows.append([_named(figures | {"name": name}), _text(figures.get("largest")), *errors])
+        rows.append([_named({**figures, "name": name}), _text(figures.get("largest")), *errors])
     return rows
 
 
@@ -348,7 +348,8 @@ def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
             " ".join(dict.fromkeys(_text(row.get(name, "")) for name in ("method", "setting"))).strip(),
             row["online_s"],
             row[key],
-            *(_number(row.get(f"{key}_{part}")) for part in ("p95", "max")),
+            _number(row.get(f"{key}_p95")),
+            _number(row.get(f"{key}_max")),
             own=row.get("setting") == "this model",
         )
         for row in rows

@@ -154,8 +154,9 @@ def run_study(
         raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
     tests = _tests_of(full.scene, settings, points)
     laws = study_of(full.scene)
-    if laws is not None and isinstance(tests, dict):
-        model: Any
+    model: Any
+    if isinstance(tests, dict):
+        assert laws is not None
         model, measured = laws.measure(training, settings, tests, progress)
     else:
         from hhr_dolfinx.plugins.studies.points import measure_points  # not needed for histories

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -16,16 +16,17 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.group import Group, group_of
+from hhr_dolfinx.group import Group, group_of, share
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.shown import Shown, counted
+from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, everywhere, made
 from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
@@ -154,9 +155,8 @@ def train(
         comm: communicator over which the training is distributed.
         march: settings of histories.
         progress: for progress bars.
-        together: whether one full model is distributed over the ranks, with its factors, and answers and
-            bases too if :func:`~hhr_dolfinx.reduction.build.not_by_rows` has no reason against it; all of them
-            then build models together. None decides by their memory.
+        together: whether one full model is distributed over the ranks, with its factors, answers and bases (unless
+            :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build models together; None: by memory.
 
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
@@ -167,9 +167,7 @@ def train(
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
-        full = _full_model(scene, group, together, log)
-        if not full.spread.all_here:
-            full = _with_rows(full, queries, log)
+        full = _full_model(scene, group, together, queries, log)
     with group.each("opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"), full.strains.paused():
@@ -180,9 +178,7 @@ def train(
             # a number of points is chosen by forces, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
             given = group.from_first(given)
-            lost = Lost()
-            kept = spread_snapshots(full, given, group.comm, progress("held out"), store, march, lost)
-            lost.warn(len(given), 1, "queries held out")
+            kept = _answered(full, given, group.comm, progress("held out"), store, march, "queries held out")
     check_small_strains(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
@@ -193,28 +189,34 @@ def train(
     return Training(full, snapshots, kept, log, choice, found)
 
 
-def _full_model(scene: Scene, group: Group, together: bool | None, log: StageLog) -> FullOrderModel:
-    """A full model on each rank, or one distributed over all ranks."""
+def _full_model(scene: Scene, group: Group, together: bool | None, queries: object, log: StageLog) -> FullOrderModel:
+    """A full model on each rank, or one distributed over all ranks, by rows if it reduces by rows."""
     why = group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
-    if why and group.size > 1:
-        if scene.shapes:
-            raise StudyError(
-                f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
-                "leave together out, and they work side by side"
-            )
-        log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
-        return FullOrderModel(scene, group.comm)
-    with group.each(f"building the full model of scene '{scene.name}'"):
-        return FullOrderModel(scene, MPI.COMM_SELF)
-
-
-def _with_rows(full: FullOrderModel, queries: object, log: StageLog) -> FullOrderModel:
-    """A distributed full model, with all rows on each rank if it does not reduce by rows."""
+    if not why or group.size == 1:
+        with group.each(f"building the full model of scene '{scene.name}'"):
+            return FullOrderModel(scene, MPI.COMM_SELF)
+    if scene.shapes:
+        raise StudyError(
+            f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
+            "leave together out, and they work side by side"
+        )
+    log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
+    full = FullOrderModel(scene, group.comm)
     why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
-    if not why:
+    if full.spread.all_here or not why:
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
     return full.gathered()
+
+
+def _answered(
+    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Any, store: Any, march: MarchSettings, what: str
+) -> SnapshotSet:
+    """Answers to queries; warns of those without one."""
+    lost = Lost()
+    found = spread_snapshots(full, given, comm, progress, store, march, lost)
+    lost.warn(len(given), 1, what)
+    return found
 
 
 def _solved(
@@ -237,6 +239,65 @@ def _solved(
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
+
+
+class PartSolved(NamedTuple):
+    """Numbers of the training queries of a part, of those held out, and of answers that existed already."""
+
+    training: int
+    held_out: int
+    read: int
+
+
+def train_part(
+    scene: Scene,
+    training: object,
+    number: int,
+    parts: int,
+    folder: str | Path,
+    *,
+    held_out: object = None,
+    seed: int = 1,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    march: MarchSettings = DEFAULT_MARCH,
+    progress: Progress = silent,
+) -> PartSolved:
+    """Solve one of several parts of a training, the work of a job of an array; parts share only the folder of answers.
+
+    After all parts, ``train(scene, training, folder=folder)`` with the same arguments reads them, and solves the
+    missing ones: held-out points with grazing contact, which depend on all training answers.
+
+    Args:
+        scene, training, held_out, seed, comm, march, progress: see :func:`train`.
+        number, parts: number of this part, from 1 on, and of all parts.
+        folder: keeps the answers.
+
+    Raises:
+        StudyError: for a part that does not exist, and for an invalid training.
+        NotOfferedError: for a greedy training, whose choices each need all answers before.
+    """
+    group = group_of(comm)
+    with group.each("checking what to train on"):
+        if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
+            raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
+        queries, apart = checked_training(scene, training, held_out, seed)
+        if chooses_itself(queries):
+            raise NotOfferedError(
+                "a greedy training chooses each point from all answers before it, and has no parts: give a grid, "
+                "Sobol(512) or a list of paths, or run it on several ranks"
+            )
+        target = checked_folder(folder)
+    with group.each(f"building the full model of scene '{scene.name}'"):
+        full = FullOrderModel(scene, MPI.COMM_SELF)
+        store = SnapshotStore(target, full)
+    others = apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
+    counts = []
+    for label, given in (("snapshots", queries), ("held out", others)):
+        mine = [given[k] for k in share(len(given), number - 1, parts)]
+        counts.append(len(mine))
+        if mine:
+            _answered(full, mine, comm, progress(label), store, march, f"queries of part {number} of {parts}")
+    return PartSolved(counts[0], counts[1], group.total(store.found))
 
 
 def chooses_itself(training: object) -> bool:

@@ -27,7 +27,7 @@ def test_versions_are_those_of_the_libraries():
 
 def test_what_is_missing_says_who_needs_it(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    found = doctor.program("node", ("node",), "only tests of pages need it")()
+    found = doctor.program("node", ("node",), "only tests of pages need it")
     assert str(found) == "node      not there: only tests of pages need it"
 
 
