@@ -302,6 +302,11 @@ class Limits:
         if self.constant not in RANGES:
             raise SceneError(f"{self.constant!r} is no elastic constant: {', '.join(RANGES)} are")
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Open interval of the constant."""
+        return RANGES[self.constant]
+
     @cached_property
     def scalar(self) -> Scalar:
         """The formula, bound to the parameters."""
@@ -311,14 +316,14 @@ class Limits:
 
     def check(self, point: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at a point, (P,)."""
-        low, high = RANGES[self.constant]
+        low, high = self.ends
         value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
-        low, high = RANGES[self.constant]
+        low, high = self.ends
         values = self.scalar.values(points)
         bad = np.flatnonzero(~((values > low) & (values < high)))
         if bad.size:
