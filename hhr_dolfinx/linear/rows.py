@@ -22,10 +22,7 @@ PANEL = 32
 class Rows:
     """Local rows of a rank, and operations on tables of them as if all rows were local. Collective, except ``of``.
 
-    Args:
-        own: range of the rows of this rank, which follow those of the ranks before it.
-        count: number of rows of all ranks, N.
-        comm: ranks that share the rows; None if all rows are local.
+    The range ``own`` of this rank follows that of the rank before it; ``count`` is N, that of all rows.
     """
 
     def __init__(self, own: slice, count: int, comm: Comm | None = None) -> None:
