@@ -1,8 +1,6 @@
-"""Amplitudes of the loads of a scene, as plain data.
+"""Amplitudes of the loads of a scene, as plain data: theta(mu) = (1, theta_1(mu), ..., theta_T(mu)).
 
-Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or dataclasses of numbers. A model on disk
-is thus only data, and nothing that is loaded is ever executed.
+They are affine in the parameters, or dataclasses of numbers: a model on disk is data, and nothing of it is executed.
 """
 
 from __future__ import annotations

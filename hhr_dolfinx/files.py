@@ -1,13 +1,12 @@
 """Atomic files: one function that writes files, and one that reads arrays back.
 
-Writing: the content goes to a temporary file next to the target, is synced to the disk, and is renamed to the target in
-one step, so that readers see the old file or the new one. The temporary file is locked (``flock``) as long as its
-process lives. If another process can lock it, its process was killed, and the next run removes it. Unlike process
+Writing: the content goes to a temporary file, is synced to the disk, and is renamed to the target in one step. The
+temporary file is locked (``flock``) as long as its process lives: one that can be locked is a leftover. Unlike process
 numbers and ages, locks work across containers and machines that share a folder.
 
 Reading: arrays are an uncompressed ``.npz`` file with a header (JSON) that has a checksum of everything. Nothing is
-allocated before its size is known to fit into the file on disk, no pickle and no Python literal is evaluated, and any
-fault of the file raises the same error, :class:`FileContentError`.
+allocated before its size is known to fit into the file, no pickle and no Python literal is evaluated, and any fault
+raises :class:`FileContentError`.
 """
 
 from __future__ import annotations

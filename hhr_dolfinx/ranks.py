@@ -1,8 +1,7 @@
 """Failures on several ranks: no rank waits for one that has failed.
 
-A rank that raises leaves the section in which the others wait for it. If each rank works independently, the failures
-are exchanged after the section, and all ranks raise. If the section is collective, the other ranks may already be
-blocked in MPI; then the reason is printed and the whole run is aborted.
+If each rank works independently, failures are exchanged after the section, and all ranks raise. If the section is
+collective, other ranks may already be blocked in MPI; then the reason is printed and the whole run is aborted.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ def share(count: int, number: int, parts: int) -> range:
 def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
     """Run a block that each rank executes independently; if it fails on any rank, all ranks raise.
 
-    The rank that failed raises its exception. The others raise one of the same class if it belongs to this package,
-    else :class:`errors.RankError`. Exceptions are exchanged as text, since not all of them can be pickled.
+    The others raise an exception of the same class if it belongs to this package, else :class:`errors.RankError`.
+    Exceptions are exchanged as text, since not all of them can be pickled.
     """
     failure = None
     try:

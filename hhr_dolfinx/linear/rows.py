@@ -1,7 +1,6 @@
 """Operations on tables with a row for each dof, (N, k), of which each rank stores the rows of its dofs.
 
-Ranks exchange only a few small arrays: products of tables, (k, k), rows at some dofs, and the rows of neighbours that a
-sparse matrix needs. On one rank the operations are those of numpy.
+Ranks exchange small arrays: products of tables, (k, k), rows at some dofs, and rows that a sparse matrix needs.
 """
 
 from __future__ import annotations

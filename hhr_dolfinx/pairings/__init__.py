@@ -34,11 +34,7 @@ class Pairing(Protocol):
         """Facet tags of the surfaces."""
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Contact rows of the surfaces, with ``dofs`` columns.
+        """Contact rows of the surfaces, with ``dofs`` columns; SceneError if they do not face each other.
 
-        PairingWarnings report nodes beyond the edge of the other surface, which get no condition, and bodies that
-        overlap by more than a cell.
-
-        Raises:
-            SceneError: if the surfaces do not face each other.
+        PairingWarnings report nodes beyond the edge of the other surface, which get no condition, and deep overlaps.
         """
