@@ -1,8 +1,8 @@
 """Partition of the cells of a mesh: each body over all ranks, cut by planes along coordinates.
 
-The cost of the interior of a rank grows faster than its size, and the matrix of the border between ranks is dense, see
-:mod:`hhr_dolfinx.plugins.substructures.factors`. Ranks have equal costs if each has a part of every body, and flat cuts are small. For a
-sphere on a block with 92,514 dofs on two ranks a graph partition with equal sizes took 3.5e10 and 6.3e10 operations.
+The cost of the interior of a rank grows faster than its size, and the matrix of the border between ranks is dense.
+Ranks have equal costs if each has a part of every body, and flat cuts are small. For a sphere on a block with 92,514
+dofs on two ranks a graph partition with equal sizes took 3.5e10 and 6.3e10 operations.
 """
 
 from __future__ import annotations

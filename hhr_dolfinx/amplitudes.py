@@ -1,8 +1,6 @@
-"""Amplitudes of the loads of a scene, as plain data.
+"""Amplitudes of the loads of a scene, as plain data: theta(mu) = (1, theta_1(mu), ..., theta_T(mu)).
 
-Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or dataclasses of numbers. A model on disk
-is thus only data, and nothing that is loaded is ever executed.
+They are affine in the parameters, or dataclasses of numbers: a model on disk is data, and nothing of it is executed.
 """
 
 from __future__ import annotations
@@ -302,6 +300,11 @@ class Limits:
         if self.constant not in RANGES:
             raise SceneError(f"{self.constant!r} is no elastic constant: {', '.join(RANGES)} are")
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Open interval of the constant."""
+        return RANGES[self.constant]
+
     @cached_property
     def scalar(self) -> Scalar:
         """The formula, bound to the parameters."""
@@ -311,14 +314,14 @@ class Limits:
 
     def check(self, point: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at a point, (P,)."""
-        low, high = RANGES[self.constant]
+        low, high = self.ends
         value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
-        low, high = RANGES[self.constant]
+        low, high = self.ends
         values = self.scalar.values(points)
         bad = np.flatnonzero(~((values > low) & (values < high)))
         if bad.size:

@@ -1,13 +1,12 @@
 """Atomic files: one function that writes files, and one that reads arrays back.
 
-Writing: the content goes to a temporary file next to the target, is synced to the disk, and is renamed to the target in
-one step, so that readers see the old file or the new one. The temporary file is locked (``flock``) as long as its
-process lives. If another process can lock it, its process was killed, and the next run removes it. Unlike process
+Writing: the content goes to a temporary file, is synced to the disk, and is renamed to the target in one step. The
+temporary file is locked (``flock``) as long as its process lives: one that can be locked is a leftover. Unlike process
 numbers and ages, locks work across containers and machines that share a folder.
 
 Reading: arrays are an uncompressed ``.npz`` file with a header (JSON) that has a checksum of everything. Nothing is
-allocated before its size is known to fit into the file on disk, no pickle and no Python literal is evaluated, and any
-fault of the file raises the same error, :class:`FileContentError`.
+allocated before its size is known to fit into the file, no pickle and no Python literal is evaluated, and any fault
+raises :class:`FileContentError`.
 """
 
 from __future__ import annotations
@@ -64,15 +63,10 @@ def make_folder(folder: str | Path) -> Path:
 
 @contextmanager
 def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO[Any]]:
-    """Open a file that becomes ``path`` at the end of the block; after any failure ``path`` is unchanged.
+    """Open a file that becomes ``path``, or what this link points to, at the end of the block unless it fails.
 
-    Args:
-        path: the target; its folder is made if missing. If it is a link, the file that it points to is replaced.
-        text: UTF-8 text instead of bytes, without conversion of line ends.
-        tidy: remove temporary files of killed processes in the folder; once is enough for many files.
-
-    Raises:
-        FileError: if the file cannot be written, or ``path`` is not a regular file.
+    Text is UTF-8 without conversion of line ends. ``tidy`` removes temporary files of killed processes in the folder:
+    once is enough for many files. FileError if the file cannot be written, or is not a regular one.
     """
     path = _target(_named(path))
     folder = make_folder(path.parent)
@@ -135,11 +129,8 @@ def read_arrays(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Read header and arrays of a file from :func:`write_arrays`; memory stays near the size of the file.
 
-    Args:
-        path: path of the file.
-        kind, version: expected format.
-        mapped: map arrays of a megabyte and more from disk, as long as half of the allowed descriptors are free; they
-            may start at any byte. The file may be replaced meanwhile, but must not be modified in place.
+    ``mapped`` maps arrays of a megabyte and more from disk, as long as half of the allowed descriptors are free; they
+    may start at any byte. The file may be replaced meanwhile, but must not be modified in place.
 
     Raises:
         FileNotFoundError: if there is no such file, for the caller to handle.

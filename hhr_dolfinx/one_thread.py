@@ -9,10 +9,7 @@ from threadpoolctl import threadpool_limits
 
 
 class _OneThread(ContextDecorator):
-    """Limit to one thread for the whole process: the first block sets the limit, the last one removes it.
-
-    Independent limits of overlapping blocks would restore the limit of the other block and keep it for good.
-    """
+    """Limit of the process to one thread, from the first of overlapping blocks to the last: none restores another."""
 
     def __init__(self) -> None:
         self._lock = Lock()

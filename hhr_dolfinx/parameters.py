@@ -129,7 +129,7 @@ class ParameterSpace:
         part: float,
         axes: Iterable[int] | None = None,
     ) -> np.ndarray:
-        """Derivatives of a function of a point, (P,) -> (n,), along some or all parameters by differences, (n, axes).
+        """Derivatives of a function, (P,) -> (n,), along some or all parameters by differences, (n, axes).
 
         ``part`` is the step over the size of the box. Differences are central, or one-sided with three points if an end
         of the box is nearer than a step: the error of both is of second order in the step.

@@ -1,7 +1,4 @@
-"""Arrays of models are contiguous in memory, in C or Fortran order, which files, copies and pickles preserve.
-
-Sums over other strides differ in the last digits, and bounds near round-off turn these into visible differences.
-"""
+"""Arrays of models are in C or Fortran order, which files and copies preserve: other sums differ in the last digits."""
 
 from __future__ import annotations
 

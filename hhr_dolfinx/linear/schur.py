@@ -51,10 +51,9 @@ def invert_last(factor: PETSc.Mat) -> bool:
 
 @contextmanager
 def left_of(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """Schur complement of K on the ``count`` rows that were eliminated last, (count, count), PETSc's read-only array.
+    """Schur complement on the rows that were eliminated last, (count, count), or its inverse: PETSc's read-only array.
 
-    After :func:`invert_last` it is the inverse. Otherwise only the upper triangle is valid, and values below it are not
-    always zero. Raises MemoryError if PETSc does not return the array.
+    Of the former only the upper triangle is valid. MemoryError if PETSc does not return the array.
     """
     library = _library()
     assert library is not None

@@ -115,8 +115,8 @@ class FreeCholesky:
         """Factors of the pattern of a matrix; substructures if several ranks need K^-1 between last dofs."""
         prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
-        substructures = registry.offered("substructures") if self._comm.size > 1 and self.last is not None else None
-        if substructures is not None and PETSc.Sys.hasExternalPackage("mumps"):
+        substructures = registry.offered("substructures") if self._comm.size > 1 else None
+        if substructures is not None and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
             here = np.flatnonzero(np.isin(self._first + self._free, self.last))
             shared = substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
             if shared.possible:

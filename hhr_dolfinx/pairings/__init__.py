@@ -8,9 +8,8 @@ A pairing is an object with two members; user-defined ones work like those here:
 
 ``obstacle.py`` is the shortest one, and ``surface.py`` has what all of them need: :func:`nodal_rows` hides how dofs are
 numbered, :func:`tangential_order` puts rows in an order that does not depend on node numbers, and
-:func:`warn_of_overlap` reports deep overlaps. Rows keep the length of a unit normal: it is the scale of forces. The
-columns of a row's entries are its nodes; its cells follow from the nodes. Code that uses rows does not depend on the
-pairing that made them. Pairings receive gathered arrays, so that every MPI rank builds the same rows in the same order.
+:func:`warn_of_overlap` reports deep overlaps. Rows keep the length of a unit normal: the scale of forces. Pairings
+receive gathered arrays, so that every MPI rank builds the same rows in the same order.
 """
 
 from __future__ import annotations
@@ -35,11 +34,7 @@ class Pairing(Protocol):
         """Facet tags of the surfaces."""
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Contact rows of the surfaces, with ``dofs`` columns.
+        """Contact rows of the surfaces, with ``dofs`` columns; SceneError if they do not face each other.
 
-        PairingWarnings report nodes beyond the edge of the other surface, which get no condition, and bodies that
-        overlap by more than a cell.
-
-        Raises:
-            SceneError: if the surfaces do not face each other.
+        PairingWarnings report nodes beyond the edge of the other surface, which get no condition, and deep overlaps.
         """

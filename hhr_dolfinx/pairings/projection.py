@@ -20,10 +20,7 @@ AT_ONCE = 1000
 
 
 class ClosestPoints(NamedTuple):
-    """Closest points of a surface: their facets, (m,), shape functions there, (m, k), and offsets, (m, dim).
-
-    Offsets are vectors from the closest to the given point.
-    """
+    """Closest points of a surface: facets, (m,), shape functions, (m, k), and offsets to the given points, (m, dim)."""
 
     facets: np.ndarray
     weights: np.ndarray

@@ -1,7 +1,6 @@
 """Sides of the nodes of a surface: groups of facets at a node that meet smoothly.
 
-A node on an edge of a body has several sides, and the mean of their normals looks along none of them. A surface that is
-the whole outside of a body has many such nodes.
+A node on an edge of a body has several sides, and the mean of their normals looks along none of them.
 """
 
 from __future__ import annotations

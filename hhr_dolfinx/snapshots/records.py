@@ -84,10 +84,9 @@ def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
 
 
 def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int, seed: int) -> np.ndarray:
-    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near light contact.
+    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near light contact, if any.
 
-    The latter lie within one spacing of the training points from the training solutions with the smallest forces above
-    round-off. Without contact in training all points are uniform.
+    These lie within one spacing of the training points from the solutions with the smallest forces above round-off.
     """
     space = problem.parameters
     sizes = np.linalg.norm(training.forces, axis=0)

@@ -1,8 +1,7 @@
 """Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that nothing is solved twice.
 
-The name of a file is a fingerprint of the problem and the query, and its header has both; a run that was killed leaves
-only complete files. Files of another problem are never read. The query of a history's step is the whole path up to it
-with the settings of the solution: an interrupted history continues after its last file.
+The name of a file is a fingerprint of the problem and the query, and its header has both: files of another problem are
+never read. The query of a history's step is the whole path up to it with the settings of the solution.
 """
 
 from __future__ import annotations
