@@ -90,10 +90,8 @@ def given_constants(
     """Constants with given M_a and alpha; with ``sigma_min`` as printed. BoundError if they are not positive."""
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
         raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
-    used = {name: given for name in sharp}
-    for name in ("3", "6"):
-        if name in sharp:
-            used[name] = replace(sharp[name], continuity=given.continuity)
+    # theorems 3 and 6 keep their own constant in the place of alpha
+    used = {name: replace(own, continuity=given.continuity) if name in NAMES else given for name, own in sharp.items()}
     if sigma_min is None:
         return used
     if "3" in used:
