@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.certify.constants import Constants
+from hhr_dolfinx.certify.differences import check_hypotheses
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""
-SYMMETRIC = 1e-10
-"""Largest entry of K - K^T over the largest of K."""
 NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
 """Names of the constants that are not alpha, (2.9), on the space of the proof."""
 OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer functions"
@@ -132,10 +131,7 @@ def check_models(full: FullModel, model: ReducedModel) -> None:
             f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one {problem.free.size}: give both "
             "of one scene"
         )
-    skew = abs(problem.stiffness - problem.stiffness.T).max()
-    size = abs(problem.stiffness).max()
-    if skew > SYMMETRIC * size:
-        raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
+    check_hypotheses(full, floating=True)
     coercivity = Ellipticity.of(full).coercivity
     if not (coercivity > 0 and math.isfinite(coercivity)):
         raise BoundError(f"K is not positive definite, (2.9): alpha = {coercivity:.2g}")
