@@ -237,7 +237,7 @@ def _loaded(snapshots: SnapshotSet, width: np.ndarray) -> tuple[np.ndarray, np.n
     loaded = np.flatnonzero(moving(snapshots.displacements))
     if not loaded.size:
         raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
-    unit = snapshots.points / np.where(width > 0, width, 1.0)
+    unit = snapshots.points / width
     return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
 
 
@@ -246,7 +246,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     width = np.array(space.upper) - space.lower
     boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
     lows, highs = np.array(boxes).reshape(-1, 2, width.size).transpose(1, 0, 2)
-    volumes = np.where(width > 0, (highs - lows) / np.where(width > 0, width, 1.0), 1.0).prod(axis=1)
+    volumes = ((highs - lows) / width).prod(axis=1)
     if not volumes.sum() > 0:
         return np.zeros((0, width.size))
     rng = np.random.default_rng(seed)

@@ -303,11 +303,10 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
 
 def _scene_of(model: ReducedModel) -> list:
     """Box, mesh, and names of outputs of a model."""
-    space = model.parameters
     functionals = model.fields.functionals
     outputs = () if functionals is None else functionals.items
     sizes = len(model.fields.basis), model.fields.gaps.shape
-    return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
+    return [model.parameters, *sizes, *(item.name for item in outputs)]
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
