@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.certify.accuracy import least_sizes, summary
-from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     HHRError,
     LocalModelWarning,
@@ -314,7 +313,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
     if not len(points):
         return np.zeros(0)
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
-    answered = np.array([status is Status.CONVERGED for status in many.status])
+    answered = many.converged
     found = many.estimates() if answered.any() else None
     if found is None:
         return np.where(answered, np.nan, np.inf)

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, CheckedStart
@@ -253,7 +252,7 @@ class LocalModels(KeptModel):
             if (found := many.estimates()) is not None:
                 criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
                 criteria[2, rows] = np.maximum(found.primal, found.dual)
-            criteria[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+            criteria[:, rows[~many.converged]] = np.inf
         return criteria
 
     def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
