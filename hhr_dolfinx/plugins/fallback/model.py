@@ -270,10 +270,10 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
         )
     if not (isinstance(full, AnsweringModel) and full.of_full_order):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
-    one = reduced.parameters
-    other = full.parameters
-    if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
-        raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
+    if reduced.parameters != full.parameters:
+        raise ReductionError(
+            f"the reduced model has the parameters {reduced.parameters}, and the full one {full.parameters}"
+        )
     if bound is None:
         _check_same_law(reduced, full)
     else:

@@ -123,15 +123,11 @@ class Friction(ContactLaw, Rebuilt):
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`: all except tangential ones."""
-        found = np.ones(count, dtype=bool)
-        found[self.tangential] = False
-        return found
+        return ~np.isin(np.arange(count), self.tangential)
 
     def distinct(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`: all except tangential ones of corners."""
-        found = np.ones(count, dtype=bool)
-        found[self.twice] = False
-        return found
+        return ~np.isin(np.arange(count), self.twice)
 
     def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
         """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their pressures."""

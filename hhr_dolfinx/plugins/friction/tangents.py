@@ -12,13 +12,13 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 from scipy.sparse import block_diag, csc_matrix, csr_matrix, diags, vstack
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from hhr_dolfinx.contact.law import MeshArrays
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.motions import components_of_nodes
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
 PARALLEL = 1e-9
@@ -90,7 +90,7 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     shape = len(pairs), len(points)
     nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape)
     # second-order conditions contain neighbours of their slave too: partners are nodes of another body
-    body = mesh.bodies if mesh.order > 1 else np.arange(len(points))
+    body = components_of_nodes(len(points), mesh.cells) if mesh.order > 1 else np.arange(len(points))
     partners = [row.indices[body[row.indices] != body[slave]] for row, slave in zip(nodes, rows.slaves, strict=True)]
     found = np.full(len(pairs), np.inf)
     for place, own in enumerate(partners):
@@ -109,14 +109,6 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
 
 class Mesh(MeshArrays):
     """Nodes and cells, with their neighbours."""
-
-    @cached_property
-    def bodies(self) -> np.ndarray:
-        """Number of the connected component of the mesh that each node belongs to, (nodes,)."""
-        starts = np.repeat(self.cells[:, :1], self.cells.shape[1], axis=1).ravel()
-        count = len(self.points)
-        graph = csr_matrix((np.ones(starts.size), (starts, self.cells.ravel())), shape=(count, count))
-        return connected_components(graph, directed=False)[1]
 
     @cached_property
     def _around(self) -> csr_matrix:

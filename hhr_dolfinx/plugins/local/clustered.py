@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.certify.accuracy import least_sizes, summary
-from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     HHRError,
     LocalModelWarning,
@@ -237,7 +236,7 @@ def _loaded(snapshots: SnapshotSet, width: np.ndarray) -> tuple[np.ndarray, np.n
     loaded = np.flatnonzero(moving(snapshots.displacements))
     if not loaded.size:
         raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
-    unit = snapshots.points / np.where(width > 0, width, 1.0)
+    unit = snapshots.points / width
     return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
 
 
@@ -246,7 +245,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     width = np.array(space.upper) - space.lower
     boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
     lows, highs = np.array(boxes).reshape(-1, 2, width.size).transpose(1, 0, 2)
-    volumes = np.where(width > 0, (highs - lows) / np.where(width > 0, width, 1.0), 1.0).prod(axis=1)
+    volumes = ((highs - lows) / width).prod(axis=1)
     if not volumes.sum() > 0:
         return np.zeros((0, width.size))
     rng = np.random.default_rng(seed)
@@ -314,7 +313,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
     if not len(points):
         return np.zeros(0)
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
-    answered = np.array([status is Status.CONVERGED for status in many.status])
+    answered = many.converged
     found = many.estimates() if answered.any() else None
     if found is None:
         return np.where(answered, np.nan, np.inf)

@@ -252,8 +252,7 @@ def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, s
 
 def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
     lower = np.array(space.lower)
-    upper = np.array(space.upper)
-    return (points - lower) / np.where(upper > lower, upper - lower, 1.0)
+    return (points - lower) / (np.array(space.upper) - lower)
 
 
 def _choice(classifier: DecisionTreeClassifier, space: ParameterSpace) -> Choice:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer, CheckedStart
@@ -253,7 +252,7 @@ class LocalModels(KeptModel):
             if (found := many.estimates()) is not None:
                 criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
                 criteria[2, rows] = np.maximum(found.primal, found.dual)
-            criteria[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+            criteria[:, rows[~many.converged]] = np.inf
         return criteria
 
     def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -303,11 +302,10 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
 
 def _scene_of(model: ReducedModel) -> list:
     """Box, mesh, and names of outputs of a model."""
-    space = model.parameters
     functionals = model.fields.functionals
     outputs = () if functionals is None else functionals.items
     sizes = len(model.fields.basis), model.fields.gaps.shape
-    return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
+    return [model.parameters, *sizes, *(item.name for item in outputs)]
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.sampling import Sobol
 
 Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
 """Numbers or formulas of the family parameters, by the names of parameters of the scene."""
@@ -214,12 +215,9 @@ class PathFamily:
         Raises:
             ParameterError: for an invalid count or seed, and as :meth:`path`.
         """
-        if not is_whole(count, 1) or not is_whole(seed, 0):
-            raise ParameterError(
-                f"count = {count!r} must be a positive integer, seed = {seed!r} one that is not negative"
-            )
         size = len(self.own.names)
-        drawn = _drawn(size + 1, count, seed)
+        axes = tuple(map(str, range(size + 1)))  # the last one is the part of the load
+        drawn = Sobol(count, seed).points(ParameterSpace(axes, (0.0,) * len(axes), (1.0,) * len(axes)))
         corners = np.indices((2,) * size).reshape(size, -1).T if 2 ** min(size, 31) <= count / 2 else None
         if corners is None:
             # half of the first 2^m points lie in the upper half of each parameter
@@ -292,14 +290,6 @@ class PathFamily:
 
     def _called(self, values: np.ndarray) -> str:
         return f"{self.name} ({self.own.described(values)})"
-
-
-def _drawn(dimension: int, count: int, seed: int) -> np.ndarray:
-    """Scrambled Sobol points of the unit cube, (count, dimension)."""
-    from scipy.stats import qmc
-
-    whole = 1 << (count - 1).bit_length()  # a power of 2 is balanced; other counts take its first points
-    return qmc.Sobol(dimension, seed=seed).random(whole)[:count]
 
 
 def _part_of(path: NamedPath, share: float) -> NamedPath:

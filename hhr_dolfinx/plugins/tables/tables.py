@@ -306,8 +306,8 @@ def write_answers(
 
 def _write_csv(path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]) -> None:
     given = answers.points.tolist() if cells is None else cells
-    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((len(given), 0))
-    line = ",".join(["%.12g"] * numbers.shape[1])
+    numbers = np.column_stack(list(columns.values()))
+    line = ",".join(["%.12g"] * len(columns))
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
         writer.writerow(head)
@@ -326,7 +326,7 @@ def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
 
 def _texts(line: str, values: np.ndarray) -> list[str]:
     """Numbers with 12 digits, which do not depend on the order of summation; empty for NaN."""
-    texts = (line % tuple(values.tolist())).split(",") if len(values) else []
+    texts = (line % tuple(values.tolist())).split(",")
     return texts if np.isfinite(values).all() else ["" if text == "nan" else text for text in texts]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.certify.constants import Constants
+from hhr_dolfinx.certify.differences import check_hypotheses
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""
-SYMMETRIC = 1e-10
-"""Largest entry of K - K^T over the largest of K."""
 NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
 """Names of the constants that are not alpha, (2.9), on the space of the proof."""
 OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer functions"
@@ -90,10 +89,8 @@ def given_constants(
     """Constants with given M_a and alpha; with ``sigma_min`` as printed. BoundError if they are not positive."""
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
         raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
-    used = {name: given for name in sharp}
-    for name in ("3", "6"):
-        if name in sharp:
-            used[name] = replace(sharp[name], continuity=given.continuity)
+    # theorems 3 and 6 keep their own constant in the place of alpha
+    used = {name: replace(own, continuity=given.continuity) if name in NAMES else given for name, own in sharp.items()}
     if sigma_min is None:
         return used
     if "3" in used:
@@ -134,10 +131,7 @@ def check_models(full: FullModel, model: ReducedModel) -> None:
             f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one {problem.free.size}: give both "
             "of one scene"
         )
-    skew = abs(problem.stiffness - problem.stiffness.T).max()
-    size = abs(problem.stiffness).max()
-    if skew > SYMMETRIC * size:
-        raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
+    check_hypotheses(full, floating=True)
     coercivity = Ellipticity.of(full).coercivity
     if not (coercivity > 0 and math.isfinite(coercivity)):
         raise BoundError(f"K is not positive definite, (2.9): alpha = {coercivity:.2g}")
