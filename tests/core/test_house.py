@@ -283,7 +283,7 @@ UNNEEDED_BY_FLOW = {
     **{
         name: [item for item in UNNEEDED[name] if item not in OF_FILES]
         for name in UNNEEDED
-        if name not in ("flow", "meshes that do not match")
+        if name not in ("flow", "meshes that do not match", "loads on bodies")
     },
     "what only elastic scenes are compared with": [
         "hhr_dolfinx.plugins.studies.points",
