@@ -17,13 +17,9 @@ def fail_if_skipped(report):
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport():
-    """Of a test."""
+    """Of a test; a file, whose import may skip all of it, has a report like that."""
     made = yield
     fail_if_skipped(made.get_result())
 
 
-@pytest.hookimpl(hookwrapper=True)
-def pytest_make_collect_report():
-    """Of a file, whose import may skip all of it."""
-    made = yield
-    fail_if_skipped(made.get_result())
+pytest_make_collect_report = pytest_runtest_makereport

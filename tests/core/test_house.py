@@ -226,7 +226,7 @@ OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes"
 UNNEEDED_BY_FLOW = {
     name: [item for item in UNNEEDED[name] if item not in OF_FILES]
     for name in UNNEEDED
-    if name not in ("flow", "meshes that do not match")
+    if name not in ("flow", "meshes that do not match", "loads on bodies")
 } | {
     "what only elastic scenes are compared with": [
         *own("plugins", "studies.points baselines.naive"),

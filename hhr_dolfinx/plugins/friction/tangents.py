@@ -18,7 +18,7 @@ from scipy.spatial.distance import pdist
 from hhr_dolfinx.contact.law import MeshArrays
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.motions import components_of_nodes
+from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
 PARALLEL = 1e-9
