@@ -25,11 +25,14 @@ def condensed(full, histories, **settings):
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), CorrectionSettings(**settings))
 
 
-def apart(one, other):
-    """Largest distances of displacements and contact forces, each over the largest of the history."""
+EVERY = "displacement", "forces", "stress"
+
+
+def apart(one, other, names=("displacement", "forces")):
+    """Largest distances of what answers hand out, each over the largest of the history."""
     pairs = list(zip(one.answers, other.answers, strict=True))
     found = []
-    for name in ("displacement", "forces"):
+    for name in names:
         fields = [(getattr(a, name)(), getattr(b, name)()) for a, b in pairs]
         size = max(np.linalg.norm(b) for _, b in fields)
         found.append(max(np.linalg.norm(a - b) for a, b in fields) / size if size else 0.0)

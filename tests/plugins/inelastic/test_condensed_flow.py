@@ -1,19 +1,14 @@
 """Condensed flow: histories beside the full order and closed forms, derivatives, refusals, and its door."""
 
 import dataclasses
-import pickle
 import warnings
 
-import condensing
 import indentation
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
 from scenes import pressed_pair
-from test_flow_heat import axial, expansion, hot_pellet, warm_bar
-from test_flow_heat import path as hot_path
 from test_flow_moduli import blocks, glued, pressed, push
-from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -26,20 +21,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
-    pytest.mark.filterwarnings("ignore:no training solution has contact"),
-]
-
-
-@pytest.fixture(scope="module")
-def tubes():
-    return condensing.tubes()
-
-
-@pytest.fixture(scope="module")
-def pellet():
-    return condensing.pellet()
+pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
 
 def test_arrays_are_integrals_over_what_flowed(tubes):
@@ -119,52 +101,6 @@ def test_below_the_yield_stress_bodies_are_elastic():
     assert history.answers[-1].forces().max() > 0
 
 
-def test_a_plastic_front_in_a_thick_tube():
-    """Perfect plasticity: p = 2/√3 (ln c + (1 - c²/4) / 2) at a plastic radius c, between two trained radii."""
-
-    def pressure(radius):
-        return 2 / np.sqrt(3) * (np.log(radius) + (1 - radius**2 / 4) / 2)
-
-    full = hhr.FullOrderModel(tube(hhr.Plasticity(1.0), 1.0, cells=20, poisson=0.49))
-    model = condensed(full, [full.march(up(pressure(radius), 12)) for radius in (1.6, 1.8)])
-    last = model.march(up(pressure(1.7), 12), QUIET).answers[-1]
-    flowing_there, stress = last.plastic_strain() > 1e-6, last.stress()
-    radii = np.repeat(full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0], 4)
-    assert radii[flowing_there].max() == pytest.approx(1.7, abs=2 / 20)
-    inside = radii < 1.5
-    assert (stress[:, 2] - stress[:, 0])[inside] == pytest.approx(2 / np.sqrt(3), rel=1e-2)
-
-
-def test_a_thick_tube_in_steady_creep():
-    """Norton: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1), when rates are steady."""
-    full = hhr.FullOrderModel(tube(hhr.Norton(2.0, 4.0), 0.6, cells=12))
-    times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 30)])
-
-    def held(pressure):
-        return [(time, np.array([pressure if k else 0.0])) for k, time in enumerate(times)]
-
-    settings = hhr.MarchSettings(floor_stress=1e-8)
-    model = condensed(full, [full.march(held(pressure), settings) for pressure in (0.4, 0.6)])
-    stress = model.march(held(0.5), QUIET).answers[-1].stress()
-    radii = full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0]
-    found = (stress[:, 2] - stress[:, 0]).reshape(len(radii), 4).mean(axis=1)
-    assert found == pytest.approx(0.5 * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=0.015)
-
-
-def test_a_bar_that_is_held_and_heated_yields():
-    """σ = -E ε0 up to the yield stress; cooled, it is left with tension; E is a parameter."""
-    full = hhr.FullOrderModel(warm_bar(hhr.Plasticity(1.0), "E", E=(0.5 * YOUNG, 3 * YOUNG)).scene)
-    temperatures = np.array([0.0, 200.0, 600.0, 900.0, 700.0, 0.0])
-
-    def heated(young):
-        return [(float(k), np.array([0.0, heat, young])) for k, heat in enumerate(temperatures)]
-
-    model = condensed(full, [full.march(heated(young), TIGHT) for young in (0.8 * YOUNG, 2 * YOUNG)])
-    flowed = expansion(900.0) - 1.0 / YOUNG
-    expected = [-YOUNG * expansion(200.0), -1.0, -1.0, YOUNG * (flowed - expansion(700.0)), 1.0]
-    assert axial(model.march(heated(YOUNG), QUIET)) == pytest.approx(expected, rel=1e-4)
-
-
 def test_paces_between_trained_ones():
     """Creep over two decades of pace, unloaded and held for 1000 s."""
     full = hhr.FullOrderModel(walled_tube(hhr.Norton(2.0, 4.0), wall=2.005))
@@ -177,63 +113,6 @@ def test_paces_between_trained_ones():
     for pressure, dt in ((0.7, 3e-3), (0.6, 5e-2)):
         primal, dual = apart(model.march(path(pressure, dt), QUIET), full.march(path(pressure, dt), TIGHT))
         assert primal < 1e-2 and dual < 1e-2
-
-
-@pytest.fixture(scope="module")
-def hot():
-    """Heat, yield stress by temperature, hardening, creep, gap and Young's modulus of the pellet as parameters."""
-    base, extra = hot_pellet(), {"h": (500.0, 2000.0), "K": (800.0, 1200.0)}
-    bodies = (
-        dataclasses.replace(base.bodies[0], law=hhr.Plasticity("90 - 0.02 * T", "h")),
-        dataclasses.replace(base.bodies[1], law=hhr.Norton("K", 4.0)),
-    )
-    space = base.parameters
-    space = hhr.ParameterSpace(
-        (*space.names, *extra),
-        (*space.lower, *(low for low, _ in extra.values())),
-        (*space.upper, *(high for _, high in extra.values())),
-    )
-    outputs = (hhr.ContactForce("force", 0, direction=(1.0, 0.0)),)
-    return hhr.FullOrderModel(dataclasses.replace(base, bodies=bodies, parameters=space, outputs=outputs))
-
-
-def hot_history(gap, young, heat, hardening, resistance):
-    return [(time, np.append(point, (hardening, resistance))) for time, point in hot_path(gap, young, heat)]
-
-
-# fmt: off
-HOT = [(5.0, 160e3, 100.0, 500.0, 900.0), (15.0, 220e3, 900.0, 2000.0, 1100.0), (7.0, 220e3, 500.0, 600.0, 1200.0),
-       (13.0, 160e3, 800.0, 1800.0, 800.0), (9.0, 180e3, 900.0, 700.0, 1000.0), (11.0, 200e3, 200.0, 1500.0, 850.0)]
-# fmt: on
-
-
-@pytest.fixture(scope="module")
-def hot_model(hot):
-    return condensed(hot, [hot.march(hot_history(*item), TIGHT) for item in HOT])
-
-
-def test_constants_moduli_and_heat_at_untrained_points(hot, hot_model):
-    for item in ((8.0, 190e3, 400.0, 1000.0, 1000.0), (12.0, 170e3, 700.0, 1300.0, 950.0)):
-        path = hot_history(*item)
-        primal, dual = apart(hot_model.march(path, QUIET), hot.march(path, TIGHT))
-        assert primal < 1e-2 and dual < 2e-2
-
-
-def test_derivatives_are_those_of_histories(hot_model):
-    """Beside central differences of whole histories, outputs too."""
-    model = hot_model
-    path = [(time, point + 10.0 * (np.arange(7) == 3)) for time, point in hot_history(9.0, 2e5, 500.0, 1e3, 1e3)]
-    history = model.march(path, dataclasses.replace(FINE, gradient=True))
-    for axis, step in ((1, 1e-5), (2, 1e-6), (3, 0.01), (4, 20.0), (5, 0.01), (6, 0.01)):
-        shift = step * (np.arange(7) == axis)
-        ends = [model.march([(time, point + way * shift) for time, point in path], FINE).answers for way in (1, -1)]
-        for name in ("unknown", "multipliers"):
-            found = np.stack([getattr(answer.gradient, name)[:, axis] for answer in history.answers])
-            changes = np.stack([getattr(a, name) - getattr(b, name) for a, b in zip(*ends, strict=True)]) / (2 * step)
-            assert np.linalg.norm(found - changes) < 1e-6 * np.linalg.norm(changes)
-        found = np.array([answer.outputs().gradient["force"][axis] for answer in history.answers])
-        changes = np.array([a.outputs()["force"] - b.outputs()["force"] for a, b in zip(*ends, strict=True)])
-        assert np.linalg.norm(found - changes / (2 * step)) < 1e-6 * np.linalg.norm(found)
 
 
 def test_outputs_and_derivatives_where_displacements_are_imposed():
@@ -281,8 +160,7 @@ def test_too_small_a_model_is_refused_in_words(pellet):
         condensed(full, histories, most_points=10)
     with pytest.raises(UnstableModelError, match="the displacement error, on the whole mesh"):
         condensed(full, histories, most_modes=1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         small = condensed(full, histories, most_modes=2, trust=None)
     assert small.offline.modes == 2 and small.offline.comparison is None
 
@@ -391,8 +269,7 @@ def warned(model, paths):
     """On how many of some paths the door says something."""
     count = 0
     for path in paths:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as caught:
             model.march(path)
         count += any(issubclass(item.category, OutsideTrainingWarning) for item in caught)
     return count
@@ -420,20 +297,3 @@ def test_the_door(pellet):
     assert warned(model, some(lambda: inside(height=rng.uniform(1.0, 1.4)))) == 20
     with pytest.raises(OutsideTrainingError, match=r"h1 = 1\.2"):
         model.march(inside(height=1.2), hhr.MarchSettings(outside="refuse"))
-
-
-def test_a_copy_answers_alike(hot_model):
-    path = hot_history(8.0, 190e3, 400.0, 1000.0, 1000.0)
-    one, other = (model.march(path, QUIET).answers[-1] for model in (hot_model, pickle.loads(pickle.dumps(hot_model))))
-    for name in ("displacement", "forces", "stress", "plastic_strain"):
-        assert np.array_equal(getattr(one, name)(), getattr(other, name)())
-    assert one.outputs().values == other.outputs().values
-
-
-def test_the_order_of_questions_does_not_matter(hot_model):
-    """Other moduli asked in between leave nothing behind."""
-    path, other = hot_history(8.0, 190e3, 400.0, 1000.0, 1000.0), hot_history(12.0, 170e3, 700.0, 1300.0, 950.0)
-    first = hot_model.march(path, QUIET)
-    hot_model.march(other, QUIET)
-    again = hot_model.march(path, QUIET)
-    assert all(np.array_equal(a.unknown, b.unknown) for a, b in zip(first.answers, again.answers, strict=True))

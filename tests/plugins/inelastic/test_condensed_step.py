@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import condensing
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
@@ -24,36 +23,16 @@ from hhr_dolfinx.plugins.inelastic import condensed_step as codes
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.update import kernel_of
 
-pytestmark = [
-    pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
-    pytest.mark.filterwarnings("ignore:no training solution has contact"),
-]
-
-
-@pytest.fixture(scope="module")
-def tubes():
-    return condensing.tubes()
-
-
-@pytest.fixture(scope="module")
-def pellet():
-    return condensing.pellet()
+pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
 
 def contact_arrays(schur):
     """A step of nothing but contact."""
-    size, nothing = len(schur), np.zeros
-    shapes = nothing((2, 4)), nothing((2, 4)), nothing((size, 4)), nothing(0), np.ascontiguousarray(schur)
-    rest = (
-        nothing((size, 2)),
-        nothing((2, 2)),
-        nothing((2, size)),
-        np.array([1]),
-        np.ones(1),
-        1.0,
-        nothing((2, 4), np.float32),
-    )
-    return StepModel(*shapes, *rest), Work.of(2, size, 1, 4)
+    size = len(schur)
+    bodies = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((size, 4)), np.zeros(0)
+    moved = np.zeros((size, 2)), np.zeros((2, 2)), np.zeros((2, size)), np.array([1]), np.ones(1), 1.0
+    model = StepModel(*bodies, np.ascontiguousarray(schur), *moved, np.zeros((2, 4), np.float32))
+    return model, Work.of(2, size, 1, 4)
 
 
 def contact_load(slack):

@@ -45,7 +45,6 @@ def full():
 
 @pytest.fixture(scope="module")
 def whole(full):
-    """The history without a store."""
     return full.march(PATH, RENEWED)
 
 
@@ -270,8 +269,6 @@ class Plain:
 
 @dataclass(frozen=True)
 class Table:
-    """An amplitude with an array."""
-
     values: np.ndarray
     count = 1
 
@@ -311,21 +308,6 @@ def test_amplitudes_are_told_apart_by_what_they_are_at_a_point(tmp_path):
     assert len({str(store._path(store._query_at(same))) for store in stores[1:]}) == 1
 
 
-def test_a_law_that_was_edited_is_another_one(tmp_path):
-    """The same name and the same numbers: what it does is what counts."""
-    digests = []
-    for factor in ("1.0", "2.0", "1.0"):
-        path = tmp_path / f"law_{len(digests)}.py"
-        base = f"class Base:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial\n"
-        path.write_text(f"{base}\n\nclass Own(Base):\n    pass\n")
-        spec = importlib.util.spec_from_file_location(path.stem, path)
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[path.stem] = module
-        spec.loader.exec_module(module)
-        digests.append(digest(module.Own()))
-    assert digests[0] == digests[2] != digests[1]
-
-
 LAW = """
 import functools
 import numpy as np
@@ -347,17 +329,21 @@ CURVE = Curve()
 def cached(x):
     return {5} * x
 
-class Own:
+class Base:
+    def bent(self, x):
+        return {8} * x
+
+class Own(Base):
     step = {6}
 
     def flow(self, trial, *_):
         inner = lambda x: {7} * x
-        over = inner(helpers.outer(doubled(trial))) * FACTOR * self.step
+        over = inner(helpers.outer(doubled(self.bent(trial)))) * FACTOR * self.step
         return over * TABLE[0] * CURVE.slope * cached(1.0), self.same + 0 * trial
 
     @property
     def same(self):
-        return {8} * np.maximum(0.0, 1.0)
+        return {9} * np.maximum(0.0, 1.0)
 """
 
 
@@ -374,9 +360,10 @@ def law_as_edited(folder, number, values):
 
 
 def test_what_a_law_calls_and_reads_counts_too(tmp_path, monkeypatch):
-    """A function, a constant, a table beside it, or in another file of the user's: answers would be mixed up."""
+    """A function, a constant, a table beside it, its base, or another file of the user's: answers would be mixed up."""
     monkeypatch.syspath_prepend(tmp_path)
-    cases = [["1.0"] * 9, *(["1.0"] * k + [f"{2.0 + k}"] + ["1.0"] * (8 - k) for k in range(9)), ["1.0"] * 9]
+    plain = ["1.0"] * 10
+    cases = [plain, *([*plain[:k], f"{2.0 + k}", *plain[k + 1 :]] for k in range(10)), plain]
     laws = [law_as_edited(tmp_path, number, values)[0]() for number, values in enumerate(cases)]
     digests = [digest(law).hex() for law in laws]
     assert digests[0] == digests[-1] and len(set(digests)) == len(digests) - 1
@@ -387,7 +374,7 @@ def test_what_a_law_calls_and_reads_counts_too(tmp_path, monkeypatch):
 def test_a_law_is_what_runs_and_not_what_its_file_says_by_now(tmp_path, monkeypatch):
     """A notebook imports a law, its file is edited, the notebook trains: the next session must solve anew."""
     monkeypatch.syspath_prepend(tmp_path)
-    old, path = law_as_edited(tmp_path, 0, ["1.0"] * 9)
+    old, path = law_as_edited(tmp_path, 0, ["1.0"] * 10)
     before = digest(old())
     path.write_text(path.read_text().replace("1.0 * x", "3.0 * x"))
     assert digest(old()) == before

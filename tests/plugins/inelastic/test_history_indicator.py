@@ -1,7 +1,6 @@
 """The indicator of histories: what it measures, that it ranks, what it costs, and that it survives a file."""
 
 import dataclasses
-import pickle
 import time
 import warnings
 
@@ -28,9 +27,10 @@ SHARES = np.arange(STEPS + 1) / STEPS
 MESH = {"radial_cells": 8, "axial_cells": 12, "cladding_radial_cells": 3, "cladding_axial_cells": 10}
 
 
-def there_and_back(gap):
+def there_and_back(gap, steps=STEPS):
     """Rates of this path hold those of a hold and of any slower path: ranges and rates cannot tell."""
-    return demo.history(np.arange(2 * STEPS + 1) / STEPS, np.append(SHARES, SHARES[-2::-1]), gap)
+    shares = np.arange(steps + 1) / steps
+    return demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), gap)
 
 
 def paths():
@@ -140,16 +140,6 @@ def test_no_answer_has_no_estimate(small):
     assert failed.estimate() is None
 
 
-def test_it_survives_copies_and_files(small, tmp_path):
-    for number, (reduced, path) in enumerate(
-        [(small[0], demo.path(9.0, flowing.STEPS)), (condensing.pellet()[2], condensing.loaded(9.0))]
-    ):
-        expected = [answer.estimate() for answer in reduced.march(path, condensing.QUIET).answers]
-        hhr.save_model(tmp_path / f"{number}.npz", reduced)
-        for again in (hhr.load_model(tmp_path / f"{number}.npz"), pickle.loads(pickle.dumps(reduced))):
-            assert [answer.estimate() for answer in again.march(path, condensing.QUIET).answers] == expected
-
-
 def test_it_costs_less_than_a_step():
     model = condensing.pellet()[2]
     path = condensing.loaded(9.0)
@@ -174,8 +164,7 @@ def test_the_door_of_few_points_sees_stress_that_was_never_trained():
     rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9), "imbalance": 1e9}
     range_ = dataclasses.replace(trained.parameters, lower=np.full(3, -1e9), upper=np.full(3, 1e9))
     wide = model.changed(trained=dataclasses.replace(trained, parameters=range_, **rates))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", OutsideTrainingWarning)
+    with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         wide.march(inside)
     with pytest.warns(OutsideTrainingWarning, match="the stress differs from combinations of trained ones"):
         wide.march(aside)
@@ -188,15 +177,13 @@ def watched(known, onsets=()):
 
 
 def one(misfit, stress):
-    """Signs of a step."""
     return Signs(0.0, 1.0, 0.0, misfit=misfit, stress=stress)
 
 
 def warns(trained, *signs):
     """Whether any step of a history is warned of."""
     watch = Watch(trained, "warn")
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         for number, sign in enumerate(signs, 1):
             watch.after(number, float(number), sign)
     return any("from combinations of trained ones" in str(item.message) for item in caught)
@@ -235,10 +222,8 @@ def test_a_history_that_has_hardly_begun_is_held_against_onsets():
 
 @pytest.mark.parametrize("steps", [6, 60, 200])
 def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_wrong(trained, model, steps):
-    shares = np.arange(steps + 1) / steps
-    path = demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), 5.0)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    path = there_and_back(5.0, steps)
+    with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path).answers
     # from an estimate of 5 % on, which is up to 1.8 times the error of its step
     if any(issubclass(item.category, OutsideTrainingWarning) for item in caught):
@@ -252,8 +237,7 @@ def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, shar
     count = max(round(share * STEPS), 2)
     shares = share * np.append(np.arange(count + 1), np.arange(count)[::-1]) / count
     path = demo.history(share * np.arange(2 * count + 1) / count, shares, 10.0)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path)
     warned = any("of its size, in training by" in str(item.message) for item in caught)
     stress = trained.full_order.march(path).answers[-1].stress()

@@ -17,7 +17,6 @@ COARSE = 7
 
 @pytest.fixture(scope="module")
 def full():
-    """A coarse model."""
     return hhr.FullOrderModel(demo.scene(COARSE))
 
 

@@ -20,8 +20,7 @@ def strains(largest, count=1000, rest=1e-3):
 @pytest.mark.parametrize("strain, said", [(0.09, False), (0.11, True)])
 def test_large_strains_are_said_once(strain, said):
     watch = SmallStrains()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         for _ in range(2):
             watch.check(strains(strain, rest=strain))
     assert [item.category for item in caught] == [SmallStrainWarning] * said
@@ -30,8 +29,7 @@ def test_large_strains_are_said_once(strain, said):
 def test_what_is_no_small_strain_is_no_answer():
     with pytest.raises(Diverged, match=r"a strain of 1\.1 is no small strain"):
         SmallStrains().check(strains(1.1, rest=1.1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         SmallStrains().check(strains(3.0))  # the corner of a punch
     with pytest.raises(Diverged):
         SmallStrains().check(strains(101.0))

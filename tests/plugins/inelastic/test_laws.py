@@ -16,33 +16,26 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 
 def update(law, strain, old, dt=0.1):
-    """One step of a material of one law."""
     groups = [Group(np.arange(len(strain)), YOUNG, POISSON, law)]
     return Material(groups, strain.shape[1]).update(strain, old, dt, tangent=True)
 
 
-class Lists:
-    """Plasticity whose answer is made of lists."""
+@dataclass(frozen=True)
+class Answers:
+    """A law that answers the same whatever it is given, or by a function of it."""
 
-    def flow(self, trial, plastic_strain, shear, dt):
-        return [part.tolist() for part in LAWS["plasticity"].flow(trial, plastic_strain, shear, dt)]
+    answer: object
+
+    def flow(self, *given):
+        return self.answer(*given) if callable(self.answer) else self.answer
 
 
 def test_lists_are_as_good_as_arrays():
     strain, old = some_states(1)
-    ours, theirs = update(Lists(), strain, old), update(LAWS["plasticity"], strain, old)
+    lists = Answers(lambda *given: [part.tolist() for part in LAWS["plasticity"].flow(*given)])
+    ours, theirs = update(lists, strain, old), update(LAWS["plasticity"], strain, old)
     assert np.array_equal(ours.stress, theirs.stress)
     assert np.array_equal(ours.tangents, theirs.tangents)
-
-
-@dataclass(frozen=True)
-class Answers:
-    """A law that always answers the same."""
-
-    answer: object
-
-    def flow(self, trial, plastic_strain, shear, dt):
-        return self.answer
 
 
 @pytest.mark.parametrize("answer", [None, 3.0, ("a", "b"), ([[1.0], [1.0, 2.0]], 1.0), (1.0, 2.0, 3.0)])
@@ -51,16 +44,37 @@ def test_what_is_no_answer_names_the_law(answer):
         update(Answers(answer), *some_states(1))
 
 
+def fails(trial, *_):
+    """In the second of two steps."""
+    if trial.max() > 1.5:
+        raise KeyError("table")
+    return 0.0 * trial, 0.0 * trial
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind", "said", "kept"),
+    [
+        (None, SceneError, "the law Answers", 0),
+        (fails, SceneError, "the law .*Answers.* failed with KeyError", 1),
+        (
+            lambda trial, *_: (np.nan * trial, 0 * trial),
+            ConvergenceError,
+            "Answers.*flows by nan under an equivalent",
+            0,
+        ),
+    ],
+)
+def test_a_march_ends_with_the_name_of_the_law(answer, kind, said, kept):
+    full = hhr.FullOrderModel(bar(Answers(answer)))
+    with pytest.raises(kind, match=said) as caught:
+        full.march([(float(k), np.array([0.005 * k])) for k in range(3)])
+    assert len(caught.value.history.answers) == kept
+
+
 @pytest.mark.parametrize("law", [lambda: Plasticity([80]), lambda: Plasticity(80.0, None), lambda: Norton(20.0, None)])
 def test_constants_of_laws_are_numbers(law):
     with pytest.raises(SceneError, match="must be positive"):
         law()
-
-
-def test_a_march_ends_with_the_name_of_the_law():
-    full = hhr.FullOrderModel(bar(Answers(None)))
-    with pytest.raises(SceneError, match="the law Answers"):
-        full.march([(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
 
 
 def test_norton_says_where_it_finds_no_flow():
@@ -77,18 +91,16 @@ def test_a_trial_that_is_not_finite_is_not_blamed_on_norton():
     assert flow[0] > 0 and np.isnan(flow[1])
 
 
-class Steep:
-    """Plasticity with a slope of a third: right answers, slow steps."""
+def test_a_wrong_slope_is_said_once():
+    """Plasticity with a third of its slope: right answers, slow steps."""
 
-    def flow(self, trial, plastic_strain, shear, dt):
-        amount, slope = LAWS["plasticity"].flow(trial, plastic_strain, shear, dt)
+    def steep(*given):
+        amount, slope = LAWS["plasticity"].flow(*given)
         return amount, 0.3 * slope
 
-
-def test_a_wrong_slope_is_said_once():
-    full = hhr.FullOrderModel(bar(Steep()))
+    full = hhr.FullOrderModel(bar(Answers(steep)))
     path = [(k / 4, np.array([0.01 * k / 4])) for k in range(5)]
-    with pytest.warns(LawWarning, match=r"the slope of .*Steep.* differences of its flow give") as caught:
+    with pytest.warns(LawWarning, match=r"the slope of .*Answers.* differences of its flow give") as caught:
         history = full.march(path)
     assert len(caught) == 1 and len(history.answers) == 4
 

@@ -54,10 +54,7 @@ class Stated:
 @pytest.mark.parametrize("components", [4, 6])
 @pytest.mark.parametrize("name", ["plasticity", "perfect plasticity", "norton 4", "norton 20"])
 def test_flow_stress_and_tangent_are_those_of_ufl(name, components):
-    """The flow solves the residual, the stress is that of the flow, the tangent follows from the derivatives of both.
-
-    To round-off; the residual is measured by how far a step of Newton's method would still move the flow.
-    """
+    """The residual is measured by how far a step of Newton's method would still move the flow."""
     law, count = LAWS[name], 12
     strain, old = some_states(5, count, components)
     update = material(law, count, components).update(strain, old, DT, tangent=True)

@@ -10,37 +10,24 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from bare import WAIT
+from condensing import QUIET, condensed, up
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import node_dofs, pressed_block, whole_domain
 from tubes import POISSON, YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import (
     ConvergenceError,
-    NotSolvableError,
-    ParameterError,
-    ReductionError,
     SceneError,
-    UnstableModelError,
 )
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
-from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
 from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
-
-MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
-
-NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
-PRESSED = hhr.Recipe.flowing(nodes=NODES)
-"""As usual where bodies flow, with the pressed line for a zone."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,9 +97,8 @@ def test_flow_dissipates_keeps_volume_and_stays_admissible(seed, law):
     assert (np.einsum("ni,ni->n", update.stress, flow) >= -1e-15).all()
     assert (update.state.cumulated >= old.cumulated).all()
     if isinstance(LAWS[law], hhr.Plasticity):
-        deviator = update.stress - np.pad(
-            update.stress[:, :3].mean(axis=1, keepdims=True) * np.ones(3), ((0, 0), (0, 1))
-        )
+        deviator = update.stress.copy()
+        deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
         equivalent = np.sqrt(1.5 * np.sum(deviator**2, axis=1))
         limit = LAWS[law].yield_stress + LAWS[law].hardening * update.state.cumulated
         assert (equivalent <= limit * (1 + 1e-12)).all()
@@ -129,22 +115,30 @@ def test_norton_over_many_decades(exponent):
         assert stress + 3 * shear * flow == pytest.approx(trial, rel=1e-9)
 
 
-def bar(law, steps_scene=0.1):
+def bar(law, reach=0.1, young=YOUNG, loads=(), **space):
     """A cylinder pulled and pushed along its axis, free at its side: uniaxial stress."""
-    up = block.side(1, upper=True)
+    up, box = block.side(1, upper=True), {"pull": (-reach, reach)} | space
     return hhr.Scene(
         name="bar",
         geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 2), cells=(2, 2)),
         hypothesis="axisymmetric",
-        bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),),
+        bodies=(hhr.Body(block.SOLID, young, POISSON, law),),
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.0),),  # far away
-        parameters=hhr.ParameterSpace(("pull",), (-steps_scene,), (steps_scene,)),
+        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
         displacements=(
             hhr.Displacement(block.side(0, upper=False), 0),
             hhr.Displacement(block.side(1, upper=False), 1),
             hhr.Displacement(up, 1, hhr.Amplitude(slopes={"pull": 2.0})),
         ),
+        loads=loads,
     )
+
+
+def axial(history):
+    """The stress along the bar, the same everywhere."""
+    stresses = np.array([answer.stress()[:, 1] for answer in history.answers])
+    assert np.ptp(stresses, axis=1).max() < 1e-6
+    return stresses[:, 0]
 
 
 def uniaxial(law, strains):
@@ -167,46 +161,53 @@ def test_uniaxial_cycle_with_unloading(law, search):
     path = [(0.1 * k, np.array([strain])) for k, strain in enumerate(strains)]
     tight = hhr.MarchSettings(search, 1e-12, 1e-10, 1e-10, iterations=400)
     history = full.march(path, tight)
-    axial = np.array([answer.stress()[:, 1] for answer in history.answers])
-    assert axial == pytest.approx(np.tile(uniaxial(LAWS[law], strains[1:])[:, None], (1, axial.shape[1])), abs=1e-8)
+    assert axial(history) == pytest.approx(uniaxial(LAWS[law], strains[1:]), abs=1e-8)
     assert np.abs(history.answers[-1].stress()[:, [0, 2, 3]]).max() < 1e-8
 
 
-def test_thick_tube_elastic_plastic():
+@pytest.mark.filterwarnings("ignore:no training solution has contact")
+def test_a_plastic_front_in_a_thick_tube():
     """Perfectly plastic tube in plane strain: p = 2 σ0/√3 (ln c + (1 - c²/4) / 2) at a plastic radius c.
 
-    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element.
+    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element. Condensed flow finds
+    one between two that were trained.
     """
-    law, radius = hhr.Plasticity(1.0), 1.5
-    pressure = 2 / np.sqrt(3) * (np.log(radius) + (1 - radius**2 / 4) / 2)
-    full = hhr.FullOrderModel(tube(law, 1.0, poisson=0.49))
-    path = [(k / 20, np.array([pressure * k / 20])) for k in range(21)]
-    last = full.march(path).answers[-1]
-    cells = np.flatnonzero(last.plastic_strain().reshape(-1, 4).max(axis=1) > 0)
-    middles = full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0]
-    assert middles[cells].max() == pytest.approx(radius, abs=1.5 / 24)
-    # hoop less radial stress where it yields
-    flowing, stress = last.plastic_strain() > 1e-6, last.stress()
-    assert (stress[:, 2] - stress[:, 0])[flowing] == pytest.approx(2 / np.sqrt(3), rel=5e-3)
+
+    def path(radius):
+        return up(2 / np.sqrt(3) * (np.log(radius) + (1 - radius**2 / 4) / 2), 20)
+
+    full = hhr.FullOrderModel(tube(hhr.Plasticity(1.0), 1.0, poisson=0.49))
+    small = condensed(full, [full.march(path(radius)) for radius in (1.6, 1.8)])
+    middles = np.repeat(full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0], 4)
+    for model, radius, off, accuracy in ((full, 1.5, 1.5 / 24, 5e-3), (small, 1.7, 2 / 24, 1e-2)):
+        last = model.march(path(radius), QUIET).answers[-1]
+        flowing, stress = last.plastic_strain() > 1e-6, last.stress()
+        assert middles[flowing].max() == pytest.approx(radius, abs=off)
+        # hoop less radial stress where it yields; modes are off at the front
+        yields = flowing if model is full else middles < 1.5
+        assert (stress[:, 2] - stress[:, 0])[yields] == pytest.approx(2 / np.sqrt(3), rel=accuracy)
 
 
+@pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_thick_tube_in_steady_creep():
-    """Norton tube under constant pressure: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1) when rates are steady.
-
-    Creep strains are then ten times the elastic ones.
-    """
-    law, pressure = hhr.Norton(2.0, 4.0), 0.5
-    full = hhr.FullOrderModel(tube(law, pressure))
+    """Norton: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1), when creep strains are ten times the elastic ones."""
+    full = hhr.FullOrderModel(tube(hhr.Norton(2.0, 4.0), 0.6))
     times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 60)])
-    path = [(time, np.array([pressure if k else 0.0])) for k, time in enumerate(times)]
-    stress = full.march(path, hhr.MarchSettings(floor_stress=1e-8)).answers[-1].stress()
+
+    def held(pressure):
+        return [(time, np.array([pressure if k else 0.0])) for k, time in enumerate(times)]
+
+    settings = hhr.MarchSettings(floor_stress=1e-8)
+    small = condensed(full, [full.march(held(pressure), settings) for pressure in (0.4, 0.6)])
     points = full.problem.points[full.problem.cell_nodes]
     # radii of the 2 x 2 Gauss points of each cell, in the order of the rule
     low, high = points[:, :, 0].min(axis=1), points[:, :, 0].max(axis=1)
     nodes = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
     radii = np.repeat(low[:, None] + (high - low)[:, None] * nodes, 2, axis=1)
-    difference = np.sort((stress[:, 2] - stress[:, 0]).reshape(len(points), 4), axis=1)[:, ::-1]
-    assert difference == pytest.approx(pressure * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=0.01)
+    for model, how, accuracy in ((full, settings, 0.01), (small, QUIET, 0.015)):
+        stress = model.march(held(0.5), how).answers[-1].stress()
+        difference = np.sort((stress[:, 2] - stress[:, 0]).reshape(len(points), 4), axis=1)[:, ::-1]
+        assert difference == pytest.approx(0.5 * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=accuracy)
 
 
 def test_newton_converges_quadratically():
@@ -239,24 +240,6 @@ def of_all_functions(full, history):
     return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 
-@pytest.fixture(scope="module")
-def pellet():
-    """The demo's scene on a coarse mesh and its training histories."""
-    full = hhr.FullOrderModel(demo.scene(**MESH))
-    return full, {gap: full.march(demo.path(gap, 20)) for gap in (5.0, 10.0, 15.0)}
-
-
-def test_search_operators_agree(pellet):
-    full, histories = pellet
-    for search in ("tangent", "elastic"):
-        other = full.march(demo.path(10.0, 20), hhr.MarchSettings(search, iterations=300))
-        for ours, theirs in zip(other.answers, histories[10.0].answers, strict=True):
-            size = np.abs(theirs.unknown).max()
-            # a residual of 1e-5 of the loads
-            assert ours.unknown == pytest.approx(theirs.unknown, abs=2e-4 * size)
-            assert np.array_equal(ours.active, theirs.active)
-
-
 def test_whole_basis_on_the_whole_domain_gives_the_full_history():
     """All functions and all cells: the reduced history is the full one, to the tolerance of the solver."""
     full = hhr.FullOrderModel(
@@ -280,30 +263,6 @@ def test_whole_basis_on_the_whole_domain_gives_the_full_history():
     strain = model.strain(last.unknown, model.amplitudes(last.parameter))
     tangents = model.material.update(strain, before.gauss.state, 1 / 12, tangent=True).tangents
     assert tangent_margin(reduced, tangents, model.stiffness(tangents)) == pytest.approx(1.0, abs=1e-8)
-
-
-def test_reduced_history_of_the_demo(pellet):
-    """Trained on the ends of the gap, compared in the middle: the errors of the demo hold on a coarse mesh."""
-    full, histories = pellet
-    snapshots = hhr.SnapshotSet.of_histories([histories[5.0], histories[15.0]])
-    reduction = hhr.build(full, snapshots, PRESSED)
-    assert reduction.offline.tangent_margin > 0
-    here, there = (model.march(demo.path(10.0, 20)).answers[-1] for model in (reduction, full))
-    points = reduction.equilibrium.points
-    assert relative_error(here.displacement(), there.displacement()) < 0.02
-    assert relative_error(here.multipliers, there.forces()[reduction.fields.A_lambda]) < 0.1
-    assert relative_error(here.gauss.stress[:, 0], there.stress()[points][:, 0]) < 0.05
-    assert relative_error(here.plastic_strain(), there.plastic_strain()) < 0.02
-    assert len(reduction.flow.cells) < len(full.problem.cell_nodes)
-
-
-def test_tangents_that_are_not_positive_refuse_a_model(pellet):
-    """Without growth the RID stays too small for its modes: refused, whatever the elastic operator looks like."""
-    full, histories = pellet
-    nodes = (Deim(), ForceDeim(1e-2), StressDeim(1e-2), FlowDeim(1e-2), LoadNodes())
-    small = hhr.Recipe.flowing(basis=Pod(1e-10), nodes=nodes, domain=Rid(0, 0))
-    with pytest.raises(UnstableModelError, match="projected tangent at a training state"):
-        hhr.build(full, hhr.SnapshotSet.of_histories([histories[5.0], histories[15.0]]), small)
 
 
 def test_what_converged_is_kept_when_a_step_fails():
@@ -338,13 +297,15 @@ def test_two_pairs_one_opening():
     one, two = hhr.FullOrderModel(scene).solve([0.08, 0.03, -0.01]), hhr.FullOrderModel(moved).solve([0.08, 0.03, 0.0])
     assert two.active[:5].any() and two.active[5:].any()
     assert one.displacement() == pytest.approx(two.displacement(), abs=1e-12)
-    with pytest.raises(SceneError, match="an opening names contact 5, of 2"):
-        dataclasses.replace(scene, openings=(hhr.Opening(5, hhr.Amplitude(0.01)),))
 
 
 def test_moving_lifts_in_the_reduced_model():
     """Whole basis and RID on a scene driven by an imposed displacement: the full history."""
-    full = hhr.FullOrderModel(tube_pushed_by_displacement())
+    scene = tube(LAWS["plasticity"], 1.0, cells=6)
+    move = hhr.Displacement(block.side(0, upper=False), 0, hhr.Amplitude(slopes={"p": 1.0}))
+    wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
+    moved = dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
+    full = hhr.FullOrderModel(moved)
     path = [(0.1 * k, np.array([0.002 * k])) for k in range(8)]
     tight = hhr.MarchSettings(relative_force=1e-10, floor_stress=1e-11)
     exact = full.march(path, tight)
@@ -354,14 +315,6 @@ def test_moving_lifts_in_the_reduced_model():
     assert reduced.fields.basis @ same.unknown == pytest.approx(last.unknown, abs=1e-10)
     assert same.displacement() == pytest.approx(last.displacement(), abs=1e-10)
     assert same.multipliers == pytest.approx(last.multipliers, rel=1e-7)
-
-
-def tube_pushed_by_displacement():
-    """The tube with its inner surface moved out, against a wall."""
-    scene = tube(LAWS["plasticity"], 1.0, cells=6)
-    move = hhr.Displacement(block.side(0, upper=False), 0, hhr.Amplitude(slopes={"p": 1.0}))
-    wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
-    return dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
 
 
 def test_a_soft_body_converges_beside_a_stiff_one():
@@ -403,13 +356,6 @@ def test_a_gap_that_closes_without_stress_converges():
         assert answers[0].forces().sum() == 0 and answers[-1].forces().sum() > 0
 
 
-def test_a_body_that_moves_freely_is_refused():
-    scene = demo.scene(**MESH)
-    loose = tuple(item for item in scene.displacements if item.tag != demo.geometry.PELLET_BOTTOM)
-    with pytest.raises(NotSolvableError, match="can move freely"):
-        hhr.FullOrderModel(dataclasses.replace(scene, displacements=loose))
-
-
 @pytest.mark.parametrize("name", ["plasticity", "norton 4"])
 def test_a_body_that_flows_is_never_answered_for_as_an_elastic_one(name):
     """A query is one step from rest in which it flows."""
@@ -430,34 +376,6 @@ def test_a_query_starts_where_the_box_is_nearest_to_zero(monkeypatch):
     assert [point.tolist() for _, point in asked[0]] == [[0.0], [0.01]]
 
 
-class Nonsense:
-    """A law whose flow is not a number."""
-
-    def flow(self, trial, plastic_strain, shear, dt):
-        return np.full_like(trial, np.nan), np.zeros_like(trial)
-
-
-def test_a_law_that_answers_nan_is_named():
-    full = hhr.FullOrderModel(bar(Nonsense()))
-    with pytest.raises(ConvergenceError, match=r"Nonsense.*flows by nan under an equivalent stress"):
-        full.march([(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
-
-
-def test_nothing_to_train_on(pellet):
-    for histories in ([], [History(0.0, np.zeros(3))]):
-        with pytest.raises(ReductionError, match="at least one"):
-            hhr.build(pellet[0], hhr.SnapshotSet.of_histories(histories))
-
-
-@pytest.mark.parametrize("path", [
-    [(0.0, [0.0]), (1.0, [np.nan])], [(0.0, [0.0]), (1.0, [9.0])], [(0.0, [0.0, 0.0])], [(0.0, [0.0]), (0.0, [0.01])],
-])  # fmt: skip
-def test_impossible_paths(path):
-    full = hhr.FullOrderModel(bar(LAWS["plasticity"]))
-    with pytest.raises(ParameterError):
-        full.march(path)
-
-
 @pytest.mark.parametrize(
     "kind, values",
     [("Plasticity", (80.0, -1.0)), ("Plasticity", (0.0,)), ("Norton", (1.0, 0.5)), ("Norton", (0.0, 4.0))]
@@ -465,11 +383,6 @@ def test_impossible_paths(path):
 def test_impossible_laws(kind, values):
     with pytest.raises(ValueError, match="must"):
         getattr(hhr, kind)(*values)
-
-
-def test_unknown_search():
-    with pytest.raises(ValueError, match="search 'newton' is unknown, one of tangent, frozen, elastic"):
-        hhr.MarchSettings("newton")
 
 
 def test_plane_stress_with_flow_is_refused():

@@ -37,17 +37,10 @@ def held(steps, up=8, high=2, top=1.0):
 def errors(exact, history):
     """Largest errors of stress, forces, displacement and cumulated strain over their largest sizes in a history."""
     times = np.array([answer.time for answer in exact.answers])
-    found = []
-    for name in ("stress", "forces", "displacement", "plastic_strain"):
-        fields = [getattr(answer, name)() for answer in exact.answers]
-        wrong = []
-        for answer in history.answers:
-            place = int(np.abs(times - answer.time).argmin())
-            assert times[place] == pytest.approx(answer.time)
-            wrong.append(np.linalg.norm(getattr(answer, name)() - fields[place]))
-        size = max(np.linalg.norm(field) for field in fields)
-        found.append(max(wrong) / size if size > 0 else 0.0)
-    return np.array(found)
+    near = [exact.answers[int(np.abs(times - answer.time).argmin())] for answer in history.answers]
+    assert [answer.time for answer in near] == pytest.approx([answer.time for answer in history.answers])
+    names = "stress", "forces", "displacement", "plastic_strain"
+    return np.array(condensing.apart(history, replace(exact, answers=near), names))
 
 
 @pytest.mark.parametrize("law", [hhr.Norton(1.0, 4.0), hhr.Norton(1.0, 1.0), Bingham(0.2, 1.0)], ids=repr)
@@ -199,13 +192,11 @@ def test_long_steps_are_warned_of_once(pellet):
     full, paths = models["full"], [path(4), path(4, 12.0), path(64, up=32)]
     with pytest.warns(TimeStepWarning, match=r"steps of this history make errors of 1\d % .*time_tolerance=0.01"):
         full.march(paths[0], QUIET)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         snapshots = hhr.compute_snapshots(full, paths, settings=QUIET)
     (told,) = [str(item.message) for item in caught if item.category is TimeStepWarning]
     assert "2 of 3 histories make errors of 1" in told
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         # neither where it was said before, nor where it was asked for
         condensing.condensed(full, snapshots.histories)
         full.march(paths[0], replace(CONTROLLED, time_tolerance=0.1))
