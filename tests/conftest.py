@@ -27,7 +27,6 @@ NEEDING = {
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
-    "plugins/pages/test_page_threads.py": ("moduli",),
 }
 """Files all of whose scenes need plug-ins, or are of scripts that import them."""
 collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from shell import AT, DEMO, invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -78,3 +79,18 @@ def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, or
         dim = model.problem.block_size
         moved, own = by_calculix(path, len(model.problem.points), dim), answer.displacement().reshape(-1, dim)
         assert np.linalg.norm(moved - own) < 5e-3 * np.linalg.norm(own)  # of penalty and of large displacements
+
+
+def test_a_deck_is_written(tmp_path):
+    (tmp_path / "closed.py").write_text(
+        "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
+        "box = hhr.ParameterSpace(('travel',), (0.05,), (1.0,))\n"
+        "scene = replace(your_scene.scene(), openings=(), parameters=box)\n"
+    )
+    path = tmp_path / "decks" / "closed.inp"
+    code, output = invoke("export", tmp_path / "closed.py", "--at", "travel=0.5", "--out", path)
+    assert code == 0 and output == f"{path}\n"
+    deck = path.read_text().upper()
+    assert all(word in deck for word in ("*NODE", "*ELEMENT", "*CONTACT PAIR", "*BOUNDARY", "*STEP"))
+    code, output = invoke("export", DEMO, *AT, "--out", path)
+    assert code == 3 and "gaps are added" in output

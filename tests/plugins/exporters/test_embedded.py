@@ -7,6 +7,7 @@ import platform
 import shutil
 import subprocess
 import zipfile
+from functools import cache
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -15,7 +16,8 @@ import numpy as np
 import pytest
 import test_moduli
 from needs import needs
-from test_pages import MORE, RUBBING, SCENES, marked, outputs_of_pellet, rubbed, tour_of
+from shell import invoke
+from test_pages import MORE, RUBBING, SCENES, check_increment, marked, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -45,23 +47,81 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 DONE, OUTSIDE, NO_ANSWER, CHANGED = 0, 1, 2, 3
 
 
-def library(folder, model, program=CALLED):
-    """A model compiled, without a warning, and called from here: status, forces, outputs, slopes of points, (n, P)."""
+def built(folder, model, program):
+    """The library of a program that includes the header of a model, compiled without a warning."""
     c_header.write_c_header(folder / "press.h", model)
     (folder / "press.c").write_text(program)
     done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    ask = ctypes.CDLL(str(folder / "press.so")).ask
-    count = len(contact_tree(model, Packed())["outputs"])
+    return ctypes.CDLL(str(folder / "press.so"))
+
+
+def at(*arrays):
+    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+
+
+def outputs_of(model):
+    """Names of the outputs that C knows."""
+    return [item["name"] for item in contact_tree(model, Packed())["outputs"]]
+
+
+def library(folder, model, program=CALLED):
+    """A function of points, (n, P): status, forces, outputs, slopes."""
+    ask, count = built(folder, model, program).ask, len(outputs_of(model))
 
     def asked(points):
         points = np.ascontiguousarray(points, dtype=float)
         n, p = points.shape
         found = [np.full(shape, np.nan) for shape in ((n, model.conditions), (n, count), (n, count, p))]
-        status = ask(n, *(ctypes.c_void_p(array.ctypes.data) for array in (points, *found)))
-        return status, *found
+        return ask(n, *at(points, *found)), *found
 
     return asked
+
+
+class Instance:
+    """An instance of a unit, called by its functions as an importer does."""
+
+    def __init__(self, folder, unit, log=None):
+        with zipfile.ZipFile(unit) as archive:
+            archive.extractall(folder)
+        (binary,) = (folder / "binaries").glob("*/model.*")
+        assert binary.parent.name == f"{platform.machine()}-{platform.system().lower()}"
+        described = ElementTree.parse(folder / "modelDescription.xml").getroot()
+        self.variables = list(described.find("ModelVariables"))
+        self.made, pointer = ctypes.CDLL(str(binary)), ctypes.c_void_p
+        self.made.fmi3InstantiateCoSimulation.restype = pointer
+        self.made.fmi3DoStep.argtypes = [pointer, ctypes.c_double, ctypes.c_double, ctypes.c_bool, *[pointer] * 4]
+        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
+        assert not self.made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
+        token = described.get("instantiationToken").encode()
+        self.at = pointer(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+        kinds = [item.get("causality") for item in self.variables]
+        self.outputs = kinds.count("output")
+        self.inputs = len(kinds) - 1 - self.outputs
+
+    def put(self, point):
+        places, count = (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)), ctypes.c_size_t(self.inputs)
+        return self.made.fmi3SetFloat64(self.at, places, count, (ctypes.c_double * self.inputs)(*point), count)
+
+    def read(self, status=0):
+        first, count, found = self.inputs + 1, ctypes.c_size_t(self.outputs), (ctypes.c_double * self.outputs)()
+        places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
+        assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == status
+        return np.array(found)
+
+    def begin(self):
+        return self.made.fmi3ExitInitializationMode(self.at)
+
+    def step(self, number):
+        flags, last = (ctypes.c_bool * 3)(), ctypes.c_double()
+        ends = [ctypes.byref(flags, k) for k in range(3)]
+        status = self.made.fmi3DoStep(self.at, float(number), 1.0, False, *ends, ctypes.byref(last))
+        assert status or last.value == number + 1
+        return status
+
+
+DISCARD = 2
+"""What FMI calls an answer that there is not."""
 
 
 @compiled
@@ -75,11 +135,11 @@ def test_a_header_has_the_digits_of_python(name, tmp_path):
     many = model.solve_many(points)
     exact = np.array([answer.forces() for answer in many])
     np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
-    for k, item in enumerate(contact_tree(model, Packed())["outputs"]):
-        known = many.outputs()[item["name"]]
+    for k, name_of_output in enumerate(outputs_of(model)):
+        known = many.outputs()[name_of_output]
         np.testing.assert_allclose(outputs[:, k], known, rtol=1e-8, atol=1e-10 * np.abs(known).max())
         for point, found in zip(points[:5], slopes[:5, k], strict=True):
-            gradient = model.outputs(point, gradient=True).gradient[item["name"]]
+            gradient = model.outputs(point, gradient=True).gradient[name_of_output]
             # by central differences of a hundred-thousandth of the box
             np.testing.assert_allclose(found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9)
 
@@ -102,16 +162,6 @@ def test_springs_hold_bodies_where_nothing_touches_at_first(tmp_path):
     np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
-@compiled
-def test_a_point_outside_of_the_box_is_refused(tmp_path):
-    model = hhr.condense(contract.blocks())
-    asked = library(tmp_path, model)
-    upper = np.array(model.parameters.upper)
-    assert asked([upper])[0] == DONE
-    assert asked([upper * 1.001])[0] == OUTSIDE
-    assert asked([upper * np.nan])[0] == OUTSIDE
-
-
 def narrow():
     """A model that was trained in the lower half of its box, and a point of the box beyond."""
     model = hhr.condense(contract.blocks())
@@ -122,10 +172,12 @@ def narrow():
 
 @compiled
 def test_a_point_that_was_not_trained_is_refused(tmp_path):
+    """Within the box, and beyond."""
     model, beyond = narrow()
     asked = library(tmp_path, model)
     assert asked([model.trained.lower])[0] == asked([model.trained.upper])[0] == DONE
-    assert asked([beyond])[0] == OUTSIDE
+    for point in (beyond, np.array(model.parameters.upper) * 1.001, model.trained.upper * np.nan):
+        assert asked([point])[0] == OUTSIDE
 
 
 @compiled
@@ -134,36 +186,29 @@ def test_a_unit_says_which_input_it_refuses(tmp_path):
     said = []
     logger = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
     log = logger(lambda _, status, category, message: said.append((status, message.decode())))
-    unit = Instance(tmp_path, model, log)
-    assert unit.put(model.trained.lower) == 0 and unit.made.fmi3ExitInitializationMode(unit.at) == 0 and not said
+    unit = Instance(tmp_path, fmu.write_fmu(tmp_path / "unit.fmu", model), log)
+    said.clear()
+    assert unit.put(model.trained.lower) == 0 and unit.begin() == 0 and not said
     assert unit.put(beyond) == 0
-    discard = 2
-    assert unit.made.fmi3ExitInitializationMode(unit.at) == discard
-    assert said == [(discard, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")]
+    assert unit.begin() == DISCARD
+    assert said == [(DISCARD, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")]
 
 
 @compiled
 def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
-    names = ("a", "b")
     texts = [
         "a + b - a * b / 3",
         "-a ** 2 + (-b) ** 2",
         "sqrt(a) + exp(-b) + log(a) + pi",
-        "sin(a) * cos(b) - tan(a) + tanh(b)",
-    ]
-    texts += [
-        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
-        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
         "a ** b",
+        "sin(a) * cos(b) - tan(a) + tanh(b)",
+        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
+        "min(1, sqrt(a - 1))",
+        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
     ]
-    scalars = [Scalar(text, names) for text in texts]
-    own = "\n".join(
-        f"double f{k}(const double *p) {{ return {c_header.formula(steps_of(scalar))}; }}"
-        for k, scalar in enumerate(scalars)
-    )
-    texts.append("min(1, sqrt(a - 1))")
-    scalars.append(Scalar(texts[-1], names))
-    own += f"\ndouble f{len(texts) - 1}(const double *p) {{ return {c_header.formula(steps_of(scalars[-1]))}; }}"
+    scalars = [Scalar(text, ("a", "b")) for text in texts]
+    formulas = [c_header.formula(steps_of(scalar)) for scalar in scalars]
+    own = "\n".join(f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas))
     helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
     (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
     subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
@@ -253,68 +298,68 @@ UNITS = {
 }
 
 
-@pytest.fixture(scope="module", params=UNITS)
-def unit(request, tmp_path_factory):
-    """A model and its unit."""
-    if CC is None:
-        pytest.skip("there is no C compiler")
-    model = hhr.condense(UNITS[request.param](), fields=True)
-    return model, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "press.fmu", model)
+@pytest.fixture(scope="module")
+def unit_of(tmp_path_factory):
+    """A model by its name, points along the diagonal of its box or a path, and its unit."""
+
+    @cache
+    def made(name):
+        if name in UNITS:
+            model = hhr.condense(UNITS[name](), fields=True)
+            lower, upper = np.array([model.parameters.lower, model.parameters.upper])
+            path = list(lower + np.linspace(0, 1, 11)[:, None] * (upper - lower))
+        else:
+            model, path = rubbing_model(name) if name in RUBBING else flowing(name)
+        return model, path, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "unit.fmu", model)
+
+    return made
 
 
-def test_a_unit_answers_as_python_does(unit, tmp_path):
+@compiled
+@pytest.mark.parametrize("name", UNITS)
+def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     """Called as an importer does, by its functions alone; by fmpy below."""
-    model, path = unit
-    with zipfile.ZipFile(path) as archive:
-        archive.extractall(tmp_path)
-    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
-    variables = {item.get("name"): int(item.get("valueReference")) for item in described.find("ModelVariables")}
-    names = list(model.outputs(model.parameters.middle).values)
-    count = len(names)
-    assert list(variables) == ["time", *model.parameters.names, *names]
-    assert list(variables.values()) == [*range(3 + count)]
-    (binary,) = (tmp_path / "binaries").glob("*/model.*")
-    assert binary.parent.name == f"{platform.machine()}-{platform.system().lower()}"
-    made = ctypes.CDLL(str(binary))
-    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
-    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
-    assert not made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
-    token = described.get("instantiationToken").encode()
-    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
-    inputs, outputs = (ctypes.c_uint32 * 2)(1, 2), (ctypes.c_uint32 * count)(*range(3, 3 + count))
-
-    def asked(point):
-        two, all_of_them = ctypes.c_size_t(2), ctypes.c_size_t(count)
-        found = (ctypes.c_double * count)()
-        assert made.fmi3SetFloat64(instance, inputs, two, (ctypes.c_double * 2)(*point), two) == 0
-        return made.fmi3GetFloat64(instance, outputs, all_of_them, found, all_of_them), np.array(found)
-
+    model, _, path = unit_of(name)
+    unit, names = Instance(tmp_path, path), list(model.outputs(model.parameters.middle).values)
+    assert [item.get("name") for item in unit.variables] == ["time", *model.parameters.names, *names]
+    assert [int(item.get("valueReference")) for item in unit.variables] == [*range(3 + len(names))]
     for point in model.parameters.random(20, 6):
-        status, found = asked(point)
-        assert status == 0
-        np.testing.assert_allclose(found, list(model.outputs(point).values.values()), rtol=1e-10)
-    discard = 2
-    assert asked([1e9, 1.0])[0] == discard
-    made.fmi3FreeInstance(instance)
+        assert unit.put(point) == 0
+        np.testing.assert_allclose(unit.read(), list(model.outputs(point).values.values()), rtol=1e-10)
+    assert unit.put([1e9, 1.0]) == 0
+    unit.read(DISCARD)
+    unit.made.fmi3FreeInstance(unit.at)
 
 
-def test_a_unit_runs_in_fmpy(unit):
+RUBS = [pytest.param(name, marks=needs("friction")) for name in ("formula and limit", "in space")]
+ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
+
+
+@compiled
+@pytest.mark.parametrize("name", [*UNITS, *RUBS, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
+def test_a_unit_runs_in_fmpy(name, unit_of):
+    """Steps are increments, moduli and laws parameters; a step ends with what its inputs were as it began."""
     fmpy = pytest.importorskip("fmpy")
     validation = pytest.importorskip("fmpy.validation")
-    model, path = unit
-    assert validation.validate_fmu(str(path)) == []
-    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
-    times = np.linspace(0, 1, 11)
-    points = lower + times[:, None] * (upper - lower)
-    kinds = [("time", float), *((name, float) for name in model.parameters.names)]
-    signals = np.array([(time, *point) for time, point in zip(times, points, strict=True)], dtype=kinds)
-    found = fmpy.simulate_fmu(str(path), input=signals, stop_time=1.0, output_interval=0.1)
-    known = model.solve_many(points).outputs()
-    for name in model.outputs(lower).values:
-        # a step is from a time on: what it ends with is the answer to the inputs that it began with
-        np.testing.assert_allclose(
-            found[name][1:], known[name][:-1], rtol=1e-10, atol=1e-10 * np.abs(known[name]).max()
-        )
+    model, path, unit = unit_of(name)
+    assert validation.validate_fmu(str(unit)) == []
+    names, fixed = model.parameters.names, model.law.fixed if name in RUBBING else ()
+    moving = [place for place in range(len(names)) if place not in fixed]
+    kinds = [("time", float), *((names[place], float) for place in moving)]
+    signals = np.array([(float(time), *point[moving]) for time, point in enumerate(path)], dtype=kinds)
+    start = {} if name in UNITS else dict(zip(names, path[0], strict=True))
+    stop = float(len(path) - 1)
+    found = fmpy.simulate_fmu(str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0)
+    if name in UNITS:
+        known = [model.outputs(point) for point in path]
+    else:
+        known = [answer.outputs() for answer in marched(model, path).answers]
+    late = len(path) - len(known) + 1
+    relative, absolute = ACCURACY.get(name, (1e-8, 1e-10))
+    for output in outputs_of(model):
+        values = np.array([outputs[output] for outputs in known])
+        least = absolute * np.abs(values).max()
+        np.testing.assert_allclose(found[output][late:], values[:-1], rtol=relative, atol=least)
 
 
 def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
@@ -366,158 +411,6 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 """
 
 
-def rubbing_model(name):
-    """Condensed, with outputs of forces, and a tour whose first point is at rest."""
-    model = hhr.condense(rubbed(name), fields=True)
-    return model, tour_of(model)
-
-
-def rubbing_library(folder, model):
-    """The functions above, compiled without a warning."""
-    c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(RUBBED + BEGUN)
-    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(folder / "press.so"))
-
-
-def at(*arrays):
-    """Their places in memory."""
-    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-
-
-@needs("friction")
-@compiled
-@pytest.mark.parametrize("name", RUBBING)
-def test_increments_in_c_are_those_of_python(name, tmp_path):
-    model, tour = rubbing_model(name)
-    made = rubbing_library(tmp_path, model)
-    steps, contacts = len(tour) - 1, model.law.normal.size
-    points = np.array(tour)
-    forces, outputs = np.zeros((steps, model.conditions)), np.zeros((steps, 2))
-    slips, statuses = np.zeros((steps, contacts, 3)), np.zeros((steps, contacts), dtype=np.int32)
-    assert made.ask(len(tour), *at(points, forces, outputs, slips, statuses)) == DONE
-    history = model.march(list(enumerate(tour)))
-    assert history.cuts == 0
-    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
-    for k, answer in enumerate(history.answers):
-        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-10 * largest)
-        for place, kind in enumerate(("path", "work", "wear")):
-            known = getattr(answer.slip, kind)
-            np.testing.assert_allclose(
-                slips[k, :, place], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6)
-            )
-        assert statuses[k].tolist() == answer.slip.statuses.tolist()
-        np.testing.assert_allclose(outputs[k], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
-    assert set(statuses.ravel().tolist()) == {0, 1, 2}
-    # loaded in proportion, with increments that are halved as those of model.solve are
-    for point in model.parameters.random(4, 3):
-        assert made.begin(*at(point, forces, outputs)) == DONE
-        exact = model.solve(point)
-        scale = np.abs(exact.multipliers).max()
-        np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
-
-
-@needs("friction")
-@compiled
-def test_paths_in_c_end_where_those_of_python_do(tmp_path):
-    """Outside of the box, and where a law changes on the way; the path stays where it was."""
-    model, tour = rubbing_model("formula and limit")
-    made = rubbing_library(tmp_path, model)
-    forces, outputs = np.zeros((9, model.conditions)), np.zeros((9, 2))
-    slips, statuses = np.zeros((9, model.law.normal.size, 3)), np.zeros((9, model.law.normal.size), np.int32)
-    place = model.law.fixed[0]
-    for change, status in ((0.1, CHANGED), (5.0, OUTSIDE), (np.nan, OUTSIDE)):
-        points = np.array(tour[:3])
-        points[2, place] += change
-        assert made.ask(3, *at(points, forces, outputs, slips, statuses)) == status
-        assert made.begin(*at(points[2], forces, outputs)) == (DONE if status == CHANGED else OUTSIDE)
-
-
-@pytest.fixture(scope="module", params=["formula and limit", "in space"])
-def rubbing_unit(request, tmp_path_factory):
-    """A unit of a model with friction, in the plane with a law that has a parameter, and the tour."""
-    if CC is None:
-        pytest.skip("there is no C compiler")
-    model, tour = rubbing_model(request.param)
-    return model, tour, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "rubbing.fmu", model)
-
-
-@needs("friction")
-def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
-    """Called by its functions: inputs, a step, outputs; what does not change on the way is a parameter."""
-    model, tour, path = rubbing_unit
-    with zipfile.ZipFile(path) as archive:
-        archive.extractall(tmp_path)
-    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
-    kinds = {item.get("name"): item.get("causality") for item in described.find("ModelVariables")}
-    fixed = model.law.fixed.size > 0
-    words = ("independent", "input", "input", "parameter" if fixed else "input", "output", "output")
-    assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
-    (binary,) = (tmp_path / "binaries").glob("*/model.*")
-    made = ctypes.CDLL(str(binary))
-    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
-    made.fmi3DoStep.argtypes = [
-        ctypes.c_void_p,
-        ctypes.c_double,
-        ctypes.c_double,
-        ctypes.c_bool,
-        *[ctypes.c_void_p] * 4,
-    ]
-    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
-    token = described.get("instantiationToken").encode()
-    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
-    inputs, outputs = (ctypes.c_uint32 * 3)(1, 2, 3), (ctypes.c_uint32 * 2)(4, 5)
-    flags, last, two, three = (ctypes.c_bool * 3)(), ctypes.c_double(), ctypes.c_size_t(2), ctypes.c_size_t(3)
-
-    def put(point):
-        return made.fmi3SetFloat64(instance, inputs, three, (ctypes.c_double * 3)(*point), three)
-
-    def step(number):
-        ends = [ctypes.byref(flags, k) for k in range(3)]
-        return made.fmi3DoStep(instance, float(number), 1.0, False, *ends, ctypes.byref(last))
-
-    def read():
-        found = (ctypes.c_double * 2)()
-        assert made.fmi3GetFloat64(instance, outputs, two, found, two) == 0
-        return np.array(found)
-
-    for _ in range(2):  # a unit that is reset begins anew
-        assert put(tour[0]) == 0 and made.fmi3ExitInitializationMode(instance) == 0
-        history = model.march(list(enumerate(tour)))
-        for number, (point, answer) in enumerate(zip(tour[1:], history.answers, strict=True)):
-            before = read()
-            assert put(point) == 0
-            np.testing.assert_array_equal(read(), before)  # until the step is made
-            assert step(number) == 0 and last.value == number + 1
-            np.testing.assert_allclose(read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
-        if fixed:
-            assert put([*tour[-1][:2], 0.6]) == 0 and step(20) == 2  # another law
-        assert made.fmi3Reset(instance) == 0
-    made.fmi3FreeInstance(instance)
-
-
-@needs("friction")
-def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
-    fmpy = pytest.importorskip("fmpy")
-    validation = pytest.importorskip("fmpy.validation")
-    model, tour, path = rubbing_unit
-    assert validation.validate_fmu(str(path)) == []
-    names = model.parameters.names
-    moving = [place for place in range(3) if place not in model.law.fixed]
-    kinds = [("time", float), *((names[place], float) for place in moving)]
-    signals = np.array([(float(time), *point[moving]) for time, point in enumerate(tour)], dtype=kinds)
-    start = dict(zip(names, tour[0], strict=True))
-    found = fmpy.simulate_fmu(
-        str(path), input=signals, start_values=start, stop_time=float(len(tour) - 1), output_interval=1.0
-    )
-    known = [answer.outputs() for answer in model.march(list(enumerate(tour))).answers]
-    for name in ("peak", "pull"):
-        values = np.array([outputs[name] for outputs in known])
-        # a step ends with what its inputs were as it began
-        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-8, atol=1e-10 * np.abs(values).max())
-
-
 FLOWED = """
 #include "press.h"
 int ask(int count, const double *points, double *forces, double *outputs, double *cumulated) {
@@ -534,6 +427,12 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 """
 
 
+def rubbing_model(name):
+    """Condensed, with outputs of forces, and a tour whose first point is at rest."""
+    model = hhr.condense(rubbed(name), fields=True)
+    return model, tour_of(model)
+
+
 def flowing(name):
     """Condensed flow, and a path that pushes and lets go."""
     from test_flow_pages import cycle, pair, yielding
@@ -543,64 +442,124 @@ def flowing(name):
     return yielding()[1], [np.array(point) for _, point in contract.path(0.04)]
 
 
-def flowing_library(folder, model):
-    """The functions above, compiled without a warning."""
-    c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(FLOWED + BEGUN)
-    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(folder / "press.so"))
+def marched(model, path):
+    """Python's history of what C does, whose steps are not cut."""
+    how = () if model.law.plugin else (hhr.MarchSettings(relative_force=1e-11, iterations=200),)
+    history = model.march(list(enumerate(path)), *how)
+    assert history.cuts == 0
+    return history
 
 
-def room_for(model, steps):
-    """Forces, outputs and cumulated strains of some steps."""
-    count = len(contact_tree(model, Packed())["outputs"])
-    return [np.zeros((steps, size)) for size in (model.conditions, count, len(model.flow.parts))]
+def increments(folder, model):
+    """The functions above, and arrays for nine steps: forces, outputs, and slip and statuses or cumulated strain."""
+    rubs, steps = model.law.plugin, 9
+    room = [np.zeros((steps, size)) for size in (model.conditions, len(outputs_of(model)))]
+    if rubs:
+        contacts = model.law.normal.size
+        room += [np.zeros((steps, contacts, 3)), np.zeros((steps, contacts), dtype=np.int32)]
+    else:
+        room.append(np.zeros((steps, len(model.flow.parts))))
+    return built(folder, model, (RUBBED if rubs else FLOWED) + BEGUN), room
+
+
+@needs("friction")
+@compiled
+@pytest.mark.parametrize("name", RUBBING)
+def test_increments_in_c_are_those_of_python(name, tmp_path):
+    model, tour = rubbing_model(name)
+    made, room = increments(tmp_path, model)
+    assert made.ask(len(tour), *at(np.array(tour), *room)) == DONE
+    forces, outputs, slips, statuses = room
+    history = marched(model, tour)
+    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
+    for k, answer in enumerate(history.answers):
+        found = dict(zip(("path", "work", "wear"), slips[k].T, strict=True))
+        found |= {"forces": forces[k], "outputs": outputs[k], "statuses": statuses[k]}
+        check_increment(found, answer, largest)
+    assert set(statuses.ravel().tolist()) == {0, 1, 2}
+    # loaded in proportion, with increments that are halved as those of model.solve are
+    for point in model.parameters.random(4, 3):
+        assert made.begin(*at(point, forces, outputs)) == DONE
+        exact = model.solve(point)
+        scale = np.abs(exact.multipliers).max()
+        np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
+
+
+FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
+
+
+@compiled
+@pytest.mark.parametrize("name", [FLOW, RUBS[0]])
+def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
+    """Outside of the box, and where a law or a modulus changes on the way; the path stays where it was."""
+    model, path = flowing("moduli") if name == "flow" else rubbing_model(name)
+    place = 1 if name == "flow" else model.law.fixed[0]
+    made, room = increments(tmp_path, model)
+    for change, status in ((0.1, CHANGED), (50.0, OUTSIDE), (np.nan, OUTSIDE)):
+        points = np.array(path[:3])
+        points[2, place] += change
+        assert made.ask(3, *at(points, *room)) == status
+        assert made.begin(*at(points[2], *room[:2])) == (DONE if status == CHANGED else OUTSIDE)
+    for value in (np.nan, 1e3):
+        points[:, place] = value
+        assert made.ask(3, *at(points, *room)) == OUTSIDE
+
+
+@compiled
+@pytest.mark.parametrize("name", RUBS)
+def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
+    """Inputs, a step, outputs; what does not change on the way is a parameter."""
+    model, tour, path = unit_of(name)
+    unit, fixed = Instance(tmp_path, path), model.law.fixed.size > 0
+    kinds = {item.get("name"): item.get("causality") for item in unit.variables}
+    words = ("independent", "input", "input", "parameter" if fixed else "input", "output", "output")
+    assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
+    history = model.march(list(enumerate(tour)))
+    for _ in range(2):  # a unit that is reset begins anew
+        assert unit.put(tour[0]) == 0 and unit.begin() == 0
+        for number, (point, answer) in enumerate(zip(tour[1:], history.answers, strict=True)):
+            before = unit.read()
+            assert unit.put(point) == 0
+            np.testing.assert_array_equal(unit.read(), before)  # until the step is made
+            assert unit.step(number) == 0
+            np.testing.assert_allclose(unit.read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        if fixed:
+            assert unit.put([*tour[-1][:2], 0.6]) == 0 and unit.step(20) == DISCARD  # another law
+        assert unit.made.fmi3Reset(unit.at) == 0
+    unit.made.fmi3FreeInstance(unit.at)
 
 
 @needs("inelastic", "moduli")
 @compiled
 @pytest.mark.parametrize("name", ["moduli", "outputs"])
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
-    from test_flow_pages import EXACT
-
     model, path = flowing(name)
-    made = flowing_library(tmp_path, model)
-    outputs = contact_tree(model, Packed())["outputs"]
-    points, found = np.array(path), room_for(model, len(path) - 1)
-    assert made.ask(len(path), *at(points, *found)) == DONE
-    forces, told, cumulated = found
-    history = model.march(list(enumerate(path)), EXACT)
-    assert history.cuts == 0
+    made, room = increments(tmp_path, model)
+    assert made.ask(len(path), *at(np.array(path), *room)) == DONE
+    forces, told, cumulated = room
+    history = marched(model, path)
     largest = max(np.abs(answer.forces()).max() for answer in history.answers)
     flowed = max(answer.state().state.cumulated.max() for answer in history.answers)
     assert flowed > 0
     for k, answer in enumerate(history.answers):
         np.testing.assert_allclose(forces[k], answer.forces(), rtol=0, atol=1e-9 * largest)
         np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
-        known = [answer.outputs()[item["name"]] for item in outputs]
+        known = [answer.outputs()[output] for output in outputs_of(model)]
         np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
 
 
 @needs("inelastic", "moduli")
 @compiled
-def test_flow_in_c_begins_in_proportion_and_ends_where_python_does(tmp_path):
-    """In increments of a fortieth of the box; outside of it, and where a modulus changes on the way, it is refused."""
-    from test_flow_pages import EXACT
-
-    model, path = flowing("moduli")
-    made = flowing_library(tmp_path, model)
-    forces, outputs, cumulated = room_for(model, 9)
+def test_flow_in_c_begins_in_proportion(tmp_path):
+    """In increments of a fortieth of the box."""
+    model, _ = flowing("moduli")
+    made, room = increments(tmp_path, model)
     point = np.array([0.04, 3.1])
-    assert made.begin(*at(point, forces, outputs)) == DONE
+    assert made.begin(*at(point, *room[:2])) == DONE
     rest = [np.clip(0.0, model.parameters.lower[0], None), point[1]]
     steps = [rest + share * (point - rest) for share in np.linspace(0, 1, 28)]
-    last = model.march(list(enumerate(steps)), EXACT).answers[-1].forces()
-    np.testing.assert_allclose(forces[0], last, rtol=0, atol=1e-9 * last.max())
-    for change, status in ((0.1, CHANGED), (50.0, OUTSIDE), (np.nan, OUTSIDE)):
-        points = np.array(path[:3])
-        points[2, 1] += change
-        assert made.ask(3, *at(points, forces, outputs, cumulated)) == status
+    last = marched(model, steps).answers[-1].forces()
+    np.testing.assert_allclose(room[0][0], last, rtol=0, atol=1e-9 * last.max())
 
 
 @needs("inelastic", "moduli")
@@ -610,7 +569,7 @@ def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
     model, path = flowing("outputs")
     c_header.write_c_header(tmp_path / "press.h", model)
     numbers = ", ".join(repr(value) for value in np.array(path).ravel().tolist())
-    count = len(contact_tree(model, Packed())["outputs"])
+    count = len(outputs_of(model))
     text = f"""{FLOWED}{BEGUN}
 int main(void) {{
     static const double points[] = {{{numbers}}};
@@ -629,30 +588,6 @@ int main(void) {{
 
 
 @needs("inelastic", "moduli")
-def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
-    """Steps are increments; a modulus is a parameter, and a step ends with what its inputs were as it began."""
-    from test_flow_pages import EXACT
-
-    fmpy = pytest.importorskip("fmpy")
-    validation = pytest.importorskip("fmpy.validation")
-    model, path = flowing("outputs")
-    unit = fmu.write_fmu(tmp_path / "flowing.fmu", model)
-    assert validation.validate_fmu(str(unit)) == []
-    names = model.parameters.names
-    signals = np.array(
-        [(float(time), *point) for time, point in enumerate(path)], dtype=[(name, float) for name in ("time", *names)]
-    )
-    start = dict(zip(names, path[0], strict=True))
-    stop = float(len(path) - 1)
-    found = fmpy.simulate_fmu(str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0)
-    answers = model.march(list(enumerate(path)), EXACT).answers
-    read = [item["name"] for item in contact_tree(model, Packed())["outputs"]]
-    for name in read:
-        values = np.array([answer.outputs()[name] for answer in answers])
-        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-7, atol=1e-8 * np.abs(values).max())
-
-
-@needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
     from hhr_dolfinx.plugins.inelastic.update import Group
 
@@ -663,41 +598,12 @@ def test_flow_that_c_does_not_know_is_refused_by_name():
         c_header.c_header(model, "press")
 
 
-FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
-
-
-class Instance:
-    """An instance of a unit, called by its functions."""
-
-    def __init__(self, folder, model, log=None):
-        path = fmu.write_fmu(folder / "unit.fmu", model)
-        with zipfile.ZipFile(path) as archive:
-            archive.extractall(folder)
-        (binary,) = (folder / "binaries").glob("*/model.*")
-        self.made = ctypes.CDLL(str(binary))
-        self.made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
-        token = ElementTree.parse(folder / "modelDescription.xml").getroot().get("instantiationToken").encode()
-        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
-        self.at = ctypes.c_void_p(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
-        self.inputs, self.outputs = len(model.parameters.names), len(contact_tree(model, Packed())["outputs"])
-
-    def put(self, point):
-        places, count = (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)), ctypes.c_size_t(self.inputs)
-        return self.made.fmi3SetFloat64(self.at, places, count, (ctypes.c_double * self.inputs)(*point), count)
-
-    def read(self):
-        first, count, found = self.inputs + 1, ctypes.c_size_t(self.outputs), (ctypes.c_double * self.outputs)()
-        places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
-        assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == 0
-        return np.array(found)
-
-
 @compiled
-@pytest.mark.parametrize("name", [FLOW, pytest.param("formula and limit", marks=needs("friction"))])
-def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_path):
+@pytest.mark.parametrize("name", [FLOW, RUBS[0]])
+def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_of, tmp_path):
     """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
-    model, path = flowing("outputs") if name == "flow" else rubbing_model(name)
-    unit = Instance(tmp_path, model)
+    _, path, made = unit_of("outputs" if name == "flow" else name)
+    unit = Instance(tmp_path, made)
     first, second = path[4], path[2]
     assert unit.put(second) == 0
     expected = unit.read()
@@ -705,30 +611,11 @@ def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_pa
     for point in (first, second):
         assert unit.put(point) == 0
         found = unit.read()
-    assert unit.made.fmi3ExitInitializationMode(unit.at) == 0
+    assert unit.begin() == 0
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(unit.read(), expected)
     assert unit.put(first) == 0
     np.testing.assert_array_equal(unit.read(), expected)  # until a step is made
-
-
-@compiled
-@pytest.mark.parametrize("name", [FLOW, pytest.param("friction", marks=needs("friction"))])
-def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
-    if name == "flow":
-        model, path = flowing("moduli")
-        made, room, place = flowing_library(tmp_path, model), room_for(model, 9), 1
-    else:
-        model, path = rubbing_model("formula and limit")
-        made, place = rubbing_library(tmp_path, model), model.law.fixed[0]
-        contacts = model.law.normal.size
-        room = [np.zeros((9, model.conditions)), np.zeros((9, 2)), np.zeros((9, contacts, 3))]
-        room.append(np.zeros((9, contacts), dtype=np.int32))
-    points = np.array(path[:3])
-    points[:, place] = np.nan
-    assert made.ask(3, *at(points, *room)) == OUTSIDE
-    points[:, place] = 1e3
-    assert made.ask(3, *at(points, *room)) == OUTSIDE
 
 
 @needs("moduli")
@@ -744,3 +631,13 @@ def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, 
     assert status == DONE
     np.testing.assert_allclose(forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max())
     assert asked(point)[0] == NO_ANSWER and asked(np.vstack([beside, point]))[0] == NO_ANSWER
+
+
+def test_a_condensed_model_beside_a_refused_one_is_named(tmp_path):
+    hhr.save_model(tmp_path / "model.npz", contract.training("constant").build(contract.AS_IT_IS))
+    for words in (("page", tmp_path / "model.npz"), ("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")):
+        code, said = invoke(*words)
+        assert code == 3 and "condensed.npz" not in said
+    hhr.save_model(tmp_path / "condensed.npz", hhr.condense(contract.blocks()))
+    code, said = invoke("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")
+    assert code == 3 and str(tmp_path / "condensed.npz") in said.replace("\n", "")

@@ -1,28 +1,22 @@
 """Answers loaded in proportion: one rule cuts their increments in Python, on pages and in C."""
 
-import ctypes
 import dataclasses
-import json
 import re
-import shutil
-import subprocess
 from functools import cache
 
 import numpy as np
 import pytest
-from bare import WAIT
 from mpi4py import MPI
 from needs import needs
 from sheared import rubbing
-from test_embedded import CC, DONE, rubbing_library
-from test_pages import ALONG, FRICTION, MODEL
+from test_embedded import BEGUN, DONE, RUBBED, at, built, compiled
+from test_pages import ALONG, FRICTION, MODEL, in_node, node
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.histories import increments
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.pages import page
 
-NODE = shutil.which("node")
 BLOCKS = 7
 """Contacts of the blocks below."""
 # pages and C used to cut these otherwise: their errors were measured by the forces and the energy of increments that
@@ -67,15 +61,15 @@ def close(found, model, point):
 
 
 @needs("friction")
-@pytest.mark.skipif(NODE is None, reason="node is not there")
+@in_node
 @pytest.mark.parametrize("seed", NEAR)
 def test_a_page_cuts_increments_where_python_does(seed):
     model, scenery = random_blocks(seed)
     point = np.array(NEAR[seed])
-    asked = json.dumps({"page": page.page_text(model, scenery), "path": [[0.0, 0.0]], "points": [point.tolist()]})
-    words = [NODE, "-e", ALONG.replace("[...model.displacement(state)]", "[]"), str(MODEL), str(FRICTION)]
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
-    (found,) = json.loads(done.stdout)["loaded"]
+    program = ALONG.replace("[...model.displacement(state)]", "[]")
+    text = page.page_text(model, scenery)
+    given = node(program, MODEL, FRICTION, page=text, path=[[0.0, 0.0]], points=[point.tolist()])
+    (found,) = given["loaded"]
     shares = np.linspace(0.0, 1.0, increments.PROPORTIONAL + 1)
     settings = MarchSettings(time_tolerance=increments.TOLERANCE, outside="ignore")
     history = model.follow([(float(share), share * point) for share in shares], settings)
@@ -84,14 +78,13 @@ def test_a_page_cuts_increments_where_python_does(seed):
 
 
 @needs("friction")
-@pytest.mark.skipif(CC is None, reason="there is no C compiler")
+@compiled
 @pytest.mark.parametrize("seed", NEAR)
 def test_c_cuts_increments_where_python_does(seed, tmp_path):
     model, _ = random_blocks(seed)
-    made = rubbing_library(tmp_path, model)
+    made = built(tmp_path, model, RUBBED + BEGUN)
     forces, outputs, point = np.zeros(model.conditions), np.zeros(1), np.array(NEAR[seed])
-    places = [ctypes.c_void_p(array.ctypes.data) for array in (point, forces, outputs)]
-    assert made.begin(*places) == DONE
+    assert made.begin(*at(point, forces, outputs)) == DONE
     close(forces, model, point)
 
 

@@ -55,8 +55,9 @@ function seen() {
   const table = [...at("numbers").rows].map((row) => [...row.cells].map((cell) => cell.textContent));
   const canvases = [...document.querySelectorAll("canvas")].map((one) => ({ id: one.id, label: one.getAttribute("aria-label"), calls: (one.calls ?? []).splice(0) }));
   const inputs = [...document.querySelectorAll("#sliders input[type=range]")].map((one) => Number(one.value));
+  const labels = [...document.querySelectorAll("#sliders label")].map((one) => one.textContent);
   const hidden = [...document.querySelectorAll("[id][hidden]")].map((one) => one.id);
-  return { texts, table, canvases, inputs, hidden, hash: window.location.hash, copied: window.copied, converged: document.documentElement.dataset.converged };
+  return { texts, table, canvases, inputs, labels, hidden, hash: window.location.hash, copied: window.copied, converged: document.documentElement.dataset.converged };
 }
 
 const found = [seen()];

@@ -3,19 +3,17 @@
 import base64
 import dataclasses
 import json
-import subprocess
 from functools import cache
 from types import SimpleNamespace
 
 import contract
 import numpy as np
 import pytest
-from bare import WAIT
 from condensing import TIGHT, condensed
 from mpi4py import MPI
 from needs import needs
 from test_condensed_flow import in_units
-from test_pages import CHROMIUM, MODEL, NODE, dumped, in_node
+from test_pages import CHROMIUM, LOADED, MODEL, drawn_dofs, dumped, in_node, node, tree_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -28,12 +26,10 @@ from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages import flow_stress, flowing, page
 from hhr_dolfinx.plugins.pages.scenery import thinned
 
-ALONG = """
-const fs = require("fs"), hhr = require(process.argv[1]);
-require(process.argv[2]);
-const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), flow = new hhr.Flowing(model), found = [];
+ALONG = (
+    LOADED
+    + """
+const flow = new hhr.Flowing(model);
 let state = flow.rest(path[0]);
 for (const point of path.slice(1)) {
   state = flow.reached(state, point);
@@ -44,6 +40,7 @@ for (const point of path.slice(1)) {
 const begun = points.map((point) => flow.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
 console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
 """
+)
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 
@@ -63,19 +60,14 @@ def yielding():
 
 
 def cycle(young, top=0.05):
-    """Pushed and let go."""
     shares = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.7, 0.4, 0.1)
     return [(float(k), np.array([top * share, young])) for k, share in enumerate(shares)]
 
 
 def marched(model, scenery, path, points=()):
     """A path and some first loads as a page answers them in node."""
-    text = page.page_text(model, scenery)
-    asked = {"page": text, "path": [point.tolist() for _, point in path], "points": [list(point) for point in points]}
-    words = [NODE, "-e", ALONG, str(MODEL), str(MODEL.with_name("flow.js"))]
-    done = subprocess.run(words, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+    given = {"path": [point.tolist() for _, point in path], "points": [list(point) for point in points]}
+    return node(ALONG, MODEL, MODEL.with_name("flow.js"), page=page.page_text(model, scenery), **given)
 
 
 def behind(model, scenery):
@@ -92,8 +84,7 @@ def check_alike(model, scenery, path, given):
     largest = max(np.abs(answer.forces()).max() for answer in history.answers)
     flowed = max(answer.state().state.cumulated.max() for answer in history.answers)
     assert flowed > 0
-    dim = model.dimension
-    rows = (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
+    rows = drawn_dofs(model, scenery)
     moved = max(np.linalg.norm(answer.displacement()) for answer in history.answers)
     owner = behind(model, scenery)
     weights = model.fields.flow.strain.weights
@@ -139,8 +130,7 @@ def test_outputs_of_flow_are_on_its_page():
     path = [(time, np.array(point)) for time, point in contract.path(0.04)]
     given = marched(model, scenery, path)
     history = check_alike(model, scenery, path, given)
-    text = page.page_text(model, scenery)
-    tree = json.loads(text.split('application/json">')[1].split("</script>")[0])["tree"]
+    tree = tree_of(page.page_text(model, scenery))
     names = [item["name"] for item in tree["outputs"]]
     assert sorted([*names, *tree["missing"]]) == sorted(history.answers[-1].outputs()) and len(names) > 1
     for found, answer in zip(given["found"], history.answers, strict=True):
@@ -193,22 +183,18 @@ def test_moduli_stay_within_a_history_of_whatever_body():
 def test_beyond_the_limit_load_there_is_no_answer():
     """Strains that are no small ones: Python refuses the step, and so does the page."""
     full, model = pair()
-    scenery = hhr.scenery_of(full)
-    text = page.page_text(model, scenery)
     program = ALONG.split("let state")[0] + (
         "const count = flow.points, sizes = [0.5, 1.5, 200].map((size) => {\n"
         "  const strain = new Float64Array(flow.size);\n  strain[count] = -size;\n"
         "  const alone = flow.small(strain);\n  strain.fill(size);\n  return [alone, flow.small(strain)];\n});\n"
         "console.log(JSON.stringify(sizes));"
     )
-    words = [NODE, "-e", program, str(MODEL), str(MODEL.with_name("flow.js"))]
-    asked = json.dumps({"page": text, "path": [], "points": []})
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 0, done.stderr
+    text = page.page_text(model, hhr.scenery_of(full))
+    found = node(program, MODEL, MODEL.with_name("flow.js"), page=text, path=[], points=[])
     points = model.flow.points.size
     # one point alone may be strained where there are a hundred and more
     alone = points >= 200
-    assert json.loads(done.stdout) == [[True, True], [alone, False], [False, False]]
+    assert found == [[True, True], [alone, False], [False, False]]
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")

@@ -3,21 +3,20 @@
 import dataclasses
 import json
 import os
-import shutil
 import subprocess
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 
+import contract
 import numpy as np
 import pytest
 from bare import WAIT
 from needs import needs
-from test_pages import in_space, known, made, round_blocks_in_space, rubbed
+from test_pages import NODE, drawn_dofs, in_space, known, made, round_blocks_in_space, rubbed
 
 from hhr_dolfinx.plugins.pages import page
 
-NODE = shutil.which("node")
 PLACES = ("/usr/share/nodejs", "/usr/lib/node_modules", "/usr/local/lib/node_modules")
 """Where Debian and npm put packages for all users."""
 PATHS = os.pathsep.join([*filter(None, [os.environ.get("NODE_PATH")]), *PLACES])
@@ -132,6 +131,14 @@ def test_parameters_go_to_the_address_and_come_from_it():
 
 
 @needs("moduli")
+def test_parameters_have_no_units_of_javascript():
+    """Every object of JavaScript has a ``constructor``, and it is not the unit of a parameter of this name."""
+    _, model, scenery = made(contract.blocks(("constructor", 0.3), box={"constructor": (1.0, 6.0)}))
+    (view,) = shown(page.page_text(model, scenery), "")
+    assert view["labels"] == ["push", "load", "constructor"]
+
+
+@needs("moduli")
 def test_pressures_are_drawn_to_scale_along_the_contact():
     model, scenery, _ = elastic()
     answer = model.solve(START)
@@ -153,7 +160,7 @@ def test_the_mesh_is_drawn_where_it_has_moved():
     """Places of nodes are those of the mesh and as many times of the displacement as the page says."""
     model, scenery, _ = elastic()
     first, _, written, across, stress, still, *_ = views_of_elastic()
-    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    rows = drawn_dofs(model, scenery)
     exact = model.solve(START).displacement()[rows].reshape(-1, 2)
     places = np.array(drawn(first, "field", "bufferData")[1][1]).reshape(-1, 3)[:, :2]
     times = float(first["texts"]["times"].split()[0])

@@ -3,7 +3,6 @@
 import dataclasses
 import itertools
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -39,11 +38,14 @@ NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FRICTION = MODEL.parents[1] / "friction" / "friction.js"
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
-PROGRAM = """
+LOADED = """
 const fs = require("fs"), hhr = require(process.argv[1]);
-const { page, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
+if (process.argv[2]) require(process.argv[2]);
+const { page, path, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
 const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), found = [];
+"""
+PROGRAM = """
 if (data.tree.floating) {
   global.hhr = hhr;
   require(process.argv[1].replace("model.js", "floating.js"));
@@ -54,24 +56,44 @@ if (data.tree.bound) {
   require(process.argv[1].replace("model.js", "bound.js"));
 }
 const bound = data.tree.bound && new hhr.Bound(model);
-const found = points.map((point) => {
+const answers = points.map((point) => {
   const open = starts === "open" ? new Uint8Array(model.m) : null;
   const answer = model.solve(point, starts === true ? undefined : open), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
     converged: answer.converged, error: bound && bound.at(answer),
     field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
 });
-console.log(JSON.stringify(found));
+console.log(JSON.stringify(answers));
 """
+
+
+def node(program, *files, **asked):
+    """What a program prints that is given files of scripts and, where it reads one, an object."""
+    words = [NODE, "-e", program, *map(str, files)]
+    done = subprocess.run(words, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
 
 
 def answered(text, points, starts=True):
     """What a page answers in node, point by point."""
-    asked = json.dumps({"page": text, "points": points.tolist(), "starts": starts})
-    words = [NODE, "-e", PROGRAM, str(MODEL)]
-    found = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
-    assert found.returncode == 0, found.stderr
-    return json.loads(found.stdout)
+    return node(LOADED + PROGRAM, MODEL, page=text, points=points.tolist(), starts=starts)
+
+
+def along(text, path, points=()):
+    """What a page with friction finds along a path, and at points that are loaded in proportion."""
+    given = [[list(map(float, point)) for point in some] for some in (path, points)]
+    return node(ALONG, MODEL, FRICTION, page=text, path=given[0], points=given[1])
+
+
+def tree_of(text):
+    """What a page knows of its model."""
+    return json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+
+
+def drawn_dofs(model, scenery):
+    """Dofs of the nodes that a page draws, one node after the other."""
+    return (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
 
 
 def made(scene, **how):
@@ -144,17 +166,13 @@ def marked(*names):
 def test_a_page_has_the_digits_of_python(name):
     _, model, scenery = known(name)
     text = page.page_text(model, scenery)
-    points = model.parameters.random(12, 4)
-    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
-    missing = []
+    points, rows, tree = model.parameters.random(12, 4), drawn_dofs(model, scenery), tree_of(text)
+    shown, missing = [item["name"] for item in tree["outputs"]], tree["missing"]
     for point, found in zip(points, answered(text, points), strict=True):
         answer = model.solve(point, gradient=True)
         forces = answer.forces()
         np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * np.abs(forces).max())
         outputs = answer.outputs()
-        tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
-        missing = tree["missing"]
-        shown = [item["name"] for item in tree["outputs"]]
         assert sorted([*shown, *missing]) == sorted(outputs)
         for here, value, slopes in zip(shown, found["outputs"], found["slopes"], strict=True):
             assert value == pytest.approx(outputs[here], rel=1e-8, abs=1e-12)
@@ -248,9 +266,8 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
     space = hhr.ParameterSpace(("push",), (-0.02,), (0.05,))
     scene = dataclasses.replace(contract.blocks(), loads=(), parameters=space)
     _, model, scenery = made(scene, fields=True)
-    text = page.page_text(model, scenery)
     assert any(not answer.forces().any() for answer in model.solve_many(model.parameters.random(200, 0)))
-    told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]
+    told = tree_of(page.page_text(model, scenery))["stress"]
     assert told is not None and told["off"]["largest"] < 0.03
 
 
@@ -260,7 +277,7 @@ def test_a_page_draws_the_stress_of_cells(name):
     """As far off as it says of points that its modes are not made of, and the largest value much less."""
     full, model, scenery = known(name)
     text = page.page_text(model, scenery)
-    told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]["off"]
+    told = tree_of(text)["stress"]["off"]
     assert told["largest"] < 0.05 and told["largest"] <= told["cells"]
     corners = np.array(list(itertools.product(*zip(model.parameters.lower, model.parameters.upper, strict=True))))
     inside = model.parameters.random(12, 4)
@@ -315,12 +332,11 @@ def test_formulas_are_worked_off_as_python_does(text):
     from hhr_dolfinx.plugins.pages.packing import steps_of
 
     scalar = Scalar(text, ("a", "b"))
-    program = "const hhr = require(process.argv[1]); const [s, p] = JSON.parse(process.argv[2]);"
-    program += "console.log(hhr.formula(s, p));"
+    program = "const hhr = require(process.argv[1]), given = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
+    program += "console.log(hhr.formula(given.steps, given.point));"
     for point in ([1.5, 2.25], [0.25, 9.0]):
-        words = [NODE, "-e", program, str(MODEL), json.dumps([steps_of(scalar), point])]
-        found = subprocess.run(words, capture_output=True, text=True, timeout=WAIT, check=True).stdout
-        assert float(found) == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
+        found = node(program, MODEL, steps=steps_of(scalar), point=point)
+        assert found == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
 
 
 @needs("moduli")
@@ -330,7 +346,7 @@ def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
     text = target.read_text(encoding="utf-8")
     assert not re.search(r"https?://|<link|src=|@import|import\(|fetch\(|XMLHttp", text)
     assert "/*DATA*/" not in text and text.count("<script") == 3
-    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    tree = tree_of(text)
     assert tree["error"]["kind"] == "bound" and 0 <= tree["error"]["pressure"] < 1e-3
     assert tree["scenery"]["words"]["contacts"] == [" and ".join(map(str, full.scene.contacts[0].tags))]
     assert tree["names"] == list(full.parameters.names)
@@ -347,27 +363,6 @@ def test_a_name_is_no_marker():
     assert text.count("fromAddress()") == plain.count("fromAddress()")
 
 
-SHOWN = """
-const { JSDOM, VirtualConsole } = require("jsdom"), page = require("fs").readFileSync(0, "utf8");
-const { window } = new JSDOM(page, { runScripts: "dangerously", virtualConsole: new VirtualConsole() });
-console.log(JSON.stringify([...window.document.querySelectorAll("#sliders label")].map((label) => label.textContent)));
-"""
-
-
-@needs("moduli")
-def test_parameters_have_no_units_of_javascript():
-    """Every object of JavaScript has a ``constructor``, and it is not the unit of a parameter of this name."""
-    words = [NODE, "-e", SHOWN]
-    environment = os.environ | {"NODE_PATH": "/usr/share/nodejs:/usr/lib/nodejs"}
-    if subprocess.run([NODE, "-e", "require('jsdom')"], env=environment, capture_output=True).returncode:
-        pytest.skip("there is no jsdom")
-    scene = contract.blocks(("constructor", 0.3), box={"constructor": (1.0, 6.0)})
-    _, model, scenery = made(scene)
-    text = page.page_text(model, scenery)
-    found = subprocess.run(words, input=text, env=environment, capture_output=True, text=True, timeout=WAIT)
-    assert json.loads(found.stdout) == ["push", "load", "constructor"]
-
-
 def test_a_name_ends_no_script(tmp_path):
     peak = hhr.LargestPressure("peak", 0, unit="</script><!--<script>")
     scene = dataclasses.replace(contract.blocks(), outputs=(peak,))
@@ -378,14 +373,16 @@ def test_a_name_ends_no_script(tmp_path):
     assert "<" not in data and json.loads(data)["tree"]["outputs"][0]["unit"] == peak.unit
 
 
+def small(kind="build", *how):
+    """A model that was trained, as it is."""
+    return getattr(contract.training("constant"), kind)(*how, recipe=contract.AS_IT_IS)
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (
-            lambda: contract.training("constant").build(contract.AS_IT_IS),
-            "ReducedModel with CondensedModel does not",
-        ),
-        (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
+        (small, "ReducedModel with CondensedModel does not"),
+        (lambda: small("local", hhr.Clusters(2)), "LocalModels"),
         pytest.param(
             lambda: hhr.condense(contract.blocks(free=True, friction=0.1)),
             "contact alone holds without friction",
@@ -404,13 +401,14 @@ def test_models_of_other_kinds_are_refused_by_name(make, said):
 
 def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
     _, model, scenery = made(contract.blocks())
-    with pytest.raises(NotOfferedError, match="of two scenes or meshes"):
-        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, areas=np.ones(3)))
     others = dataclasses.replace(contract.blocks(), bodies=contract.blocks((4.0, 0.3)).bodies)
-    with pytest.raises(NotOfferedError, match="not of the scene of this model"):
-        hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
-    with pytest.raises(NotOfferedError, match="another mesh"):
-        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
+    for said, wrong in (
+        ("of two scenes or meshes", dataclasses.replace(scenery, areas=np.ones(3))),
+        ("not of the scene of this model", made(others)[2]),
+        ("another mesh", dataclasses.replace(scenery, nodes=scenery.nodes + 1000)),
+    ):
+        with pytest.raises(NotOfferedError, match=said):
+            hhr.write_model_page(tmp_path / "page.html", model, wrong)
     monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
     with pytest.raises(NotOfferedError, match="go by mail"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
@@ -439,14 +437,12 @@ def test_a_scenery_is_kept_and_checked(tmp_path):
         ("no whole numbers", {"strains": dataclasses.replace(own, bodies=own.bodies[:, None])}),
         ("neither true nor false", {"strains": dataclasses.replace(own, plane_stress="no")}),
         ("no whole numbers", {"nodes": scenery.nodes + 0.5}),
+        ("triangles name nodes that are not there", {"triangles": scenery.triangles + 1000}),
         ("no words", {"words": scenery.words | {"contacts": []}}),
     ):
         dataclasses.replace(scenery, **wrong).write(tmp_path / "wrong.npz")
         with pytest.raises(FileContentError, match=said):
             hhr.Scenery.read(tmp_path / "wrong.npz")
-    dataclasses.replace(scenery, triangles=scenery.triangles + 1000).write(tmp_path / "wrong.npz")
-    with pytest.raises(FileContentError, match="triangles name nodes that are not there"):
-        hhr.Scenery.read(tmp_path / "wrong.npz")
     (tmp_path / "cut.npz").write_bytes((tmp_path / "scenery.npz").read_bytes()[:-40])
     with pytest.raises(FileContentError):
         hhr.Scenery.read(tmp_path / "cut.npz")
@@ -486,8 +482,7 @@ def test_where_shapes_are_parameters_forces_are_shown_and_no_pressures():
     """Areas are those of one shape, by which forces of another one are no pressures."""
     _, model, scenery = known("shape")
     assert scenery.moves
-    text = page.page_text(model, scenery)
-    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    tree = tree_of(page.page_text(model, scenery))
     assert tree["scenery"]["moves"] and set(tree["missing"]) == {"peak", "force"}
     assert not made(contract.blocks())[2].moves
 
@@ -535,13 +530,10 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
         assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
 
 
-ALONG = """
-const fs = require("fs"), hhr = require(process.argv[1]);
-require(process.argv[2]);
-const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), sliding = new hhr.Sliding(model);
-const found = [];
+ALONG = (
+    LOADED
+    + """
+const sliding = new hhr.Sliding(model);
 let state = sliding.rest(path[0]);
 for (const point of path.slice(1)) {
   state = sliding.reached(state, point);
@@ -553,6 +545,7 @@ const loaded = points.map((point) => sliding.begun(point));
 const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
 console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
 """
+)
 
 
 def round_blocks_in_space(comm, cells=4):
@@ -595,17 +588,9 @@ RUBBING = {
         geometry=round_block,
     ),
 }
-TOUR = [
-    (0.0, 0.0),
-    (0.03, 0.0),
-    (0.03, 0.02),
-    (0.04, 0.06),
-    (0.02, 0.0),
-    (0.002, -0.06),
-    (0.05, -0.02),
-    (0.05, 0.1),
-    (0.01, 0.1),
-]
+PUSHED = 0.0, 0.03, 0.03, 0.04, 0.02, 0.002, 0.05, 0.05, 0.01
+SHEARED = 0.0, 0.0, 0.02, 0.06, 0.0, -0.06, -0.02, 0.1, 0.1
+TOUR = list(zip(PUSHED, SHEARED, strict=True))
 """Pressed, sheared, turned round, let go, and pressed again."""
 
 
@@ -622,43 +607,41 @@ def tour_of(model):
     return [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
 
 
+def check_increment(found, answer, largest):
+    """What a page or C finds in an increment with friction, beside Python."""
+    np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
+    for kind in {"position", "path", "work", "wear"} & found.keys():
+        known = getattr(answer.slip, kind)
+        np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6))
+    assert list(found["statuses"]) == answer.slip.statuses.tolist()
+    np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+
+
 @needs("friction")
 @in_node
 @pytest.mark.parametrize("name", RUBBING)
 def test_increments_with_friction_are_those_of_python(name):
     _, model, scenery = made(rubbed(name))
-    tour = tour_of(model)
-    points = model.parameters.random(6, 3)
-    text = page.page_text(model, scenery)
-    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": points.tolist()})
-    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 0, done.stderr
-    given = json.loads(done.stdout)
+    tour, points = tour_of(model), model.parameters.random(6, 3)
+    given = along(page.page_text(model, scenery), tour, points)
     history = model.march(list(enumerate(tour)))
     assert history.cuts == 0
-    statuses = set()
     largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
-    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    rows = drawn_dofs(model, scenery)
     for found, answer in zip(given["found"], history.answers, strict=True):
-        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
-        for kind in ("position", "path", "work", "wear"):
-            known = getattr(answer.slip, kind)
-            np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6))
-        assert found["statuses"] == answer.slip.statuses.tolist()
-        statuses |= set(found["statuses"])
-        np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        assert {"position", "path", "work", "wear"} <= found.keys()
+        check_increment(found, answer, largest)
         exact = answer.displacement()[rows]
         assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
-    assert statuses == {0, 1, 2}
+    assert {status for found in given["found"] for status in found["statuses"]} == {0, 1, 2}
     for found, point in zip(given["loaded"], points, strict=True):
         known = model.solve(point)
         # both halve increments until forces and work change by a thousandth of the largest
         size = np.linalg.norm(known.multipliers)
         assert np.linalg.norm(found["forces"] - known.multipliers) < 1e-9 * size
         # the path that a page copies is all of it
-        along = model.march(list(enumerate(map(np.array, found["path"])))).answers[-1]
-        assert np.linalg.norm(found["forces"] - along.multipliers) < 1e-9 * size
+        whole = model.march(list(enumerate(map(np.array, found["path"])))).answers[-1]
+        assert np.linalg.norm(found["forces"] - whole.multipliers) < 1e-9 * size
 
 
 @needs("friction", "moduli")
@@ -669,17 +652,12 @@ def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
     box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)}
     _, model, scenery = made(rubbing(geometry=round_block, bodies=bodies, box=box), fields=True)
     text = page.page_text(model, scenery)
-    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
-    assert tree["field"]["kind"] == "fitted"
+    assert tree_of(text)["field"]["kind"] == "fitted"
     tour = [np.array([*point, 3.1, 2.7, 0.23]) for point in TOUR]
-    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": []})
-    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 0, done.stderr
     answers = model.march(list(enumerate(tour))).answers
     largest = max(np.abs(answer.multipliers).max() for answer in answers)
-    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
-    for found, answer in zip(json.loads(done.stdout)["found"], answers, strict=True):
+    rows = drawn_dofs(model, scenery)
+    for found, answer in zip(along(text, tour)["found"], answers, strict=True):
         np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-9 * largest)
         exact = answer.displacement()[rows]
         assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
@@ -705,41 +683,27 @@ def test_loading_in_proportion_is_halved_as_often_as_in_python():
     """Where contacts stick as they close one halving more changes forces by 1e-5."""
     _, model, scenery = made(dataclasses.replace(in_space(1.0), geometry=partial(round_blocks_in_space, cells=3)))
     points = model.parameters.random(6, 3)
-    rest = list(model.parameters.lower)
-    asked = json.dumps({"page": page.page_text(model, scenery), "path": [rest], "points": points.tolist()})
-    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
     exact = np.array([model.solve(point).multipliers for point in points])
-    found = np.array([item["forces"] for item in json.loads(done.stdout)["loaded"]])
+    given = along(page.page_text(model, scenery), [model.parameters.lower], points)
+    found = np.array([item["forces"] for item in given["loaded"]])
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 TICKS = """
-const drawing = require(process.argv[1]), found = [];
-for (const [low, high] of JSON.parse(process.argv[2])) found.push(drawing.ticks(low, high, 4));
-console.log(JSON.stringify(found));
+const drawing = require(process.argv[1]), { ranges } = JSON.parse(require("fs").readFileSync(0, "utf8"));
+console.log(JSON.stringify(ranges.map(([low, high]) => drawing.ticks(low, high, 4))));
 """
 
 
 @in_node
 def test_axes_have_a_few_round_numbers_whatever_their_range():
     """One of a last digit would go on for ever."""
-    ranges = [
-        (0, 1),
-        (-3, 7),
-        (1.6191466698074306, 1.6191466698074308),
-        (5, 5),
-        (0, 0),
-        (-1e-300, 0),
-        (1e9, 1.00000001e9),
-    ]
-    words = [NODE, "-e", TICKS, str(MODEL.with_name("drawing.js")), json.dumps(ranges)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=20)
-    assert done.returncode == 0, done.stderr
-    for (low, high), ticks in zip(ranges, json.loads(done.stdout), strict=True):
+    nearly = 1.6191466698074306, 1.6191466698074308
+    ranges = [(0, 1), (-3, 7), nearly, (5, 5), (0, 0), (-1e-300, 0), (1e9, 1.00000001e9)]
+    found = node(TICKS, MODEL.with_name("drawing.js"), ranges=ranges)
+    for (low, high), ticks in zip(ranges, found, strict=True):
         assert len(ticks) <= 10 and ticks == sorted(ticks), (low, high)
-    first, second, *_ = json.loads(done.stdout)
-    assert first == pytest.approx([0, 0.5, 1]) and second == pytest.approx([0, 5])
+    assert found[0] == pytest.approx([0, 0.5, 1]) and found[1] == pytest.approx([0, 5])
 
 
 def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
