@@ -171,9 +171,9 @@ def rounded_punch(cells: int) -> Iterator[Row]:
     yield row(f"Ciavarella, rounded punch, {cells} cells", "tangential forces, 1 + L2 error", 1.0, 1 + off)
 
 
-def raous(cells: int) -> Iterator[Row]:
+def plate(cells: int) -> hhr.Scene:
     """SSNV128: a square plate on a rigid plane, pressed from above and from its side; half of it."""
-    scene = hhr.Scene(
+    return hhr.Scene(
         name="ssnv128",
         geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(0.04, 0.04), cells=(cells, cells)),
         hypothesis="plane_strain",
@@ -186,7 +186,11 @@ def raous(cells: int) -> Iterator[Row]:
         ),
         parameters=hhr.ParameterSpace(("load",), (0.0,), (1.0,)),
     )
-    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+
+
+def raous(cells: int) -> Iterator[Row]:
+    """Displacements of the bottom of that plate."""
+    full = hhr.FullOrderModel(plate(cells), MPI.COMM_SELF)
     moved = full.solve(1.0).displacement().reshape(-1, 2)[:, 0]
     points = full.problem.points
     bottom = np.flatnonzero(points[:, 1] < 1e-9)

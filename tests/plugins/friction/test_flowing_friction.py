@@ -124,43 +124,30 @@ def condensed(training):
     return training.condense(CorrectionSettings(trust=LIMITS))
 
 
-def test_unseen_paths_of_a_hyper_reduced_model(training, model):
-    """Forces within 2 % and work within 1 % of the largest; .9 and .4 % were measured."""
-    full = training.full_order
-    assert flowed(training.snapshots) and len(model.problem.stiffness) < 120
-    for path in paths(3, 33, full.parameters):
+@pytest.mark.parametrize(
+    ("kind", "count", "off", "off_in_work"), [("model", 3, 0.02, 0.01), ("condensed", 4, 0.003, 0.005)]
+)
+def test_unseen_paths(training, kind, count, off, off_in_work, request):
+    """Measured: .9 and .4 %, condensed .15 and .24 %; where a contact opens within a step its path is 4 % off."""
+    full, model = training.full_order, request.getfixturevalue(kind)
+    assert flowed(training.snapshots)
+    assert len(model.problem.stiffness) < 120 if kind == "model" else model.equilibrium.modes < 40
+    for path in paths(count, 33, full.parameters):
         exact, found = full.march(path), model.march(path)
         largest = max(np.linalg.norm(answer.forces()) for answer in exact.answers)
+        longest = exact.answers[-1].slip.path.max()
         for one, other in zip(exact.answers, found.answers, strict=True):
-            assert np.linalg.norm(other.forces() - one.forces()) < 0.02 * largest
-        last = exact.answers[-1], found.answers[-1]
-        work = [answer.slip.work for answer in last]
-        assert np.linalg.norm(work[1] - work[0]) < 0.01 * np.linalg.norm(work[0])
-        for name in ("normal", "shear", "slip", "work"):
-            wanted, ours = (answer.outputs()[name] for answer in last)
-            assert ours == pytest.approx(wanted, rel=0.02)
-        assert last[1].estimate().kind == "indicator of the stress"
-
-
-def test_unseen_paths_of_condensed_flow(training, condensed):
-    """Forces within .3 % of the largest and work within .5 %; .15 and .24 % were measured.
-
-    Where a contact opens within a step it has slipped for half of it: its path may be off by 4 % of the largest.
-    """
-    full = training.full_order
-    assert condensed.equilibrium.modes < 40
-    for path in paths(4, 33, full.parameters):
-        exact, found = full.march(path), condensed.march(path)
-        largest = max(np.linalg.norm(answer.forces()) for answer in exact.answers)
-        for one, other in zip(exact.answers, found.answers, strict=True):
-            assert np.linalg.norm(other.forces() - one.forces()) < 0.003 * largest
-            assert np.abs(other.slip.path - one.slip.path).max() < 0.06 * exact.answers[-1].slip.path.max()
-        last = exact.answers[-1], found.answers[-1]
-        work = [answer.slip.work for answer in last]
-        assert np.linalg.norm(work[1] - work[0]) < 0.005 * np.linalg.norm(work[0])
-        peak = last[0].plastic_strain().max()
-        assert last[1].plastic_strain().max() == pytest.approx(peak, rel=0.03, abs=1e-6)
-        assert last[1].estimate().kind == "indicator of the stress"
+            assert np.linalg.norm(other.forces() - one.forces()) < off * largest
+            if kind == "condensed":
+                assert np.abs(other.slip.path - one.slip.path).max() < 0.06 * longest
+        last, ours = exact.answers[-1], found.answers[-1]
+        assert np.linalg.norm(ours.slip.work - last.slip.work) < off_in_work * np.linalg.norm(last.slip.work)
+        if kind == "model":
+            for name in ("normal", "shear", "slip", "work"):
+                assert ours.outputs()[name] == pytest.approx(last.outputs()[name], rel=0.02)
+        else:
+            assert ours.plastic_strain().max() == pytest.approx(last.plastic_strain().max(), rel=0.03, abs=1e-6)
+        assert ours.estimate().kind == "indicator of the stress"
 
 
 def test_condensed_flow_of_its_training_is_the_full_order(training, condensed):
@@ -200,13 +187,10 @@ def test_newtons_slope_is_that_of_the_residual(condensed):
         np.testing.assert_allclose(-slope[:, axis], difference, atol=1e-3 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("kind", ["model", "condensed"])
-def test_a_file_keeps_it(kind, request, tmp_path):
-    model = request.getfixturevalue(kind)
-    hhr.save_model(tmp_path / "model.npz", model)
-    read = hhr.load_model(tmp_path / "model.npz")
-    path = paths(1, 35, model.parameters)[0]
-    for one, other in zip(model.march(path).answers, read.march(path).answers, strict=True):
+def test_a_file_of_condensed_flow_keeps_it(condensed, tmp_path):
+    hhr.save_model(tmp_path / "model.npz", condensed)
+    read, path = hhr.load_model(tmp_path / "model.npz"), paths(1, 35, condensed.parameters)[0]
+    for one, other in zip(condensed.march(path).answers, read.march(path).answers, strict=True):
         np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-9 * one.forces().max())
         np.testing.assert_allclose(other.slip.work, one.slip.work, atol=1e-12)
 

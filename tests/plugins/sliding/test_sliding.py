@@ -139,15 +139,6 @@ def test_condensed_is_the_full_order(rough):
         np.testing.assert_allclose(found.displacement(), wanted.displacement(), atol=1e-10)
 
 
-def test_a_model_of_a_file_slides_as_it_did(rough, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", rough)
-    read = hhr.load_model(tmp_path / "model.npz")
-    one, other = drawn(rough, 1.0, 3.0), drawn(read, 1.0, 3.0)
-    for found, wanted in zip(other.answers, one.answers, strict=True):
-        np.testing.assert_array_equal(found.multipliers, wanted.multipliers)
-        assert dict(found.outputs().values) == dict(wanted.outputs().values)
-
-
 def test_a_punch_that_leaves_the_block_bears_nothing(smooth):
     box = hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, 40.0))
     model = hhr.slide(dataclasses.replace(demo.scene(None, cells=CELLS), parameters=box))
