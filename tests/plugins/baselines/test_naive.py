@@ -3,14 +3,16 @@
 import dataclasses
 
 import flowing
+import hertz_half_discs as demo
 import numpy as np
 import pytest
+from mpi4py import MPI
 from needs import needs
 from scenes import largest_difference, pressed_block, pressed_pair
-from threads import at_once
+from test_active_set import Twice
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.rows import joined
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 
@@ -52,28 +54,6 @@ def test_shapes_that_depend_on_parameters():
     check_like(hhr.FullOrderModel(scene), [0.03, 0.01, 0.05, 0.002, 2.0, 0.025, 0.9], 1e-11)
 
 
-def test_threads_share_it(hertz):
-    model = NaiveFullOrder(hertz)
-    points = [[0.2], [0.31], [0.44]]
-    expected = [model.solve(point).forces().tobytes() for point in points]
-    jobs = [lambda k=k: [model.solve(point).forces().tobytes() for point in points[k:] + points[:k]] for k in range(3)]
-    assert at_once(jobs) == [expected[k:] + expected[:k] for k in range(3)]
-
-
-class Twice:
-    """A contact pair listed twice: constraints are dependent where it is active."""
-
-    def __init__(self, once):
-        self.once = once
-
-    @property
-    def tags(self):
-        return self.once.tags
-
-    def rows(self, surfaces, dofs):
-        return joined([self.once.rows(surfaces, dofs)] * 2)
-
-
 def test_a_pair_listed_twice_is_named():
     scene = pressed_block("plane_strain")
     full = hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),)))
@@ -85,3 +65,29 @@ def test_a_pair_listed_twice_is_named():
 def test_inelastic_bodies_are_refused():
     with pytest.raises(SceneError, match="flow"):
         NaiveFullOrder(flowing.flowing_full())
+
+
+class Doubled(NaiveFullOrder):
+    """A baseline whose forces and displacements are twice the exact ones."""
+
+    def _answered(self, *asked):
+        found = super()._answered(*asked)
+        return found._replace(unknown=2 * found.unknown, multipliers=2 * found.multipliers)
+
+
+@needs("studies")
+def test_errors_and_times_of_each_baseline_are_reported(monkeypatch):
+    """A study compares what is registered with the full order, and believes nobody's word."""
+    places = {
+        "fom_naive": ("hhr_dolfinx.plugins.baselines.naive:NaiveFullOrder", "baselines"),
+        "doubled": (f"{__name__}:Doubled", "any"),
+    }
+    monkeypatch.setattr(registry, "parts", lambda kind: places)
+    training = hhr.train(demo.scene(), (7,), held_out=0, comm=MPI.COMM_SELF)
+    settings = hhr.StudySettings((7,), recipe=demo.THESIS.as_it_is(), tests=3, queries=6)
+    report = hhr.run_study(training, settings).report
+    rows = {row["method"]: row for row in report["work_precision"]}
+    assert rows["fom_naive"]["dual_full_floored_max"] < 1e-9
+    assert rows["doubled"]["dual_full_floored_max"] == pytest.approx(1.0, rel=1e-6)
+    for name in places:
+        assert report["times"][name]["median"] > 0 and report["ratios"][f"{name}/online"] > 0

@@ -33,69 +33,56 @@ class Altered(hhr.MeshFile):
     change: Callable[[RawMesh], RawMesh] = lambda raw: raw
 
     def read(self) -> RawMesh:
-        """What the file holds, spoilt."""
         return self.change(super().read())
 
 
 def of(**changes: Any) -> Change:
-    """Other fields of the scene."""
     return lambda scene: replace(scene, **changes)
 
 
 def body(place: int, **changes: Any) -> Change:
-    """Another field of one body."""
     return lambda scene: replace(
         scene, bodies=tuple(replace(one, **changes) if k == place else one for k, one in enumerate(scene.bodies))
     )
 
 
 def with_contact(make: Callable[[], Any]) -> Change:
-    """Another first contact."""
     return lambda scene: replace(scene, contacts=(make(), STOP))
 
 
 def with_load(make: Callable[[], Any], change: Change = lambda scene: scene) -> Change:
-    """A load."""
     return lambda scene: replace(change(scene), loads=(make(),))
 
 
 def with_displacement(make: Callable[[], Any], *without: str) -> Change:
-    """One more displacement, without those of some surfaces."""
     return lambda scene: replace(
         scene, displacements=(*(item for item in scene.displacements if item.tag not in without), make())
     )
 
 
 def without(*tags: str) -> Change:
-    """Without the displacements of a surface."""
     return lambda scene: replace(
         scene, displacements=tuple(item for item in scene.displacements if item.tag not in tags)
     )
 
 
 def box(*bounds: Any) -> Change:
-    """Another box of the parameters."""
     return lambda scene: replace(scene, parameters=hhr.ParameterSpace(*bounds))
 
 
 def mesh(change: Callable[[RawMesh], RawMesh]) -> Change:
-    """The mesh spoilt."""
     return lambda scene: replace(scene, geometry=Altered(MESH, change=change))
 
 
 def file(path: Path | str) -> Change:
-    """Another file."""
     return lambda scene: replace(scene, geometry=hhr.MeshFile(path))
 
 
 def nodes_of(raw: RawMesh, name: str) -> np.ndarray:
-    """Nodes of a body."""
     return np.unique(raw.cells[raw.bodies[name]])
 
 
 def moved(name: str, by: tuple[float, float]) -> Change:
-    """A body at another place."""
-
     def change(raw: RawMesh) -> RawMesh:
         points = raw.points.copy()
         points[nodes_of(raw, name)] += by
@@ -105,7 +92,6 @@ def moved(name: str, by: tuple[float, float]) -> Change:
 
 
 def an_inner_facet(raw: RawMesh) -> RawMesh:
-    """A surface on a side between two cells in the middle of the spring."""
     points, cells = raw.points, raw.cells[raw.bodies["spring"]]
     cell = cells[np.linalg.norm(points[cells].mean(axis=1) - [32.0, 2.0], axis=1).argmin()]
     return replace(raw, surfaces={**raw.surfaces, "inside": cell[None, :2]})
@@ -140,7 +126,6 @@ def glued_at_a_node(raw: RawMesh) -> RawMesh:
 
 
 def folded(raw: RawMesh) -> RawMesh:
-    """A node inside the spring far off its place."""
     inner = np.setdiff1d(nodes_of(raw, "spring"), np.concatenate(list(raw.surfaces.values())))
     points = raw.points.copy()
     points[inner[np.abs(points[inner] - [20.0, 2.0]).sum(axis=1).argmin()]] += [4.0, 0.5]
@@ -148,7 +133,6 @@ def folded(raw: RawMesh) -> RawMesh:
 
 
 def flattened(raw: RawMesh) -> RawMesh:
-    """A cell of the spring without volume."""
     points, cell = raw.points.copy(), raw.cells[raw.bodies["spring"][100]]
     points[cell[0]] = points[cell[1:]].mean(axis=0)
     return replace(raw, points=points)
@@ -161,12 +145,10 @@ def without_names(raw: RawMesh) -> RawMesh:
 
 
 def without_surface(raw: RawMesh) -> RawMesh:
-    """An empty physical group, which files leave out."""
     return replace(raw, surfaces={name: facets for name, facets in raw.surfaces.items() if name != "clamp"})
 
 
 def without_group(raw: RawMesh) -> RawMesh:
-    """A body that is in no physical group."""
     lost = set(raw.bodies["stop"])
     return replace(raw, bodies={name: cells for name, cells in raw.bodies.items() if not lost & set(cells)})
 
@@ -192,7 +174,6 @@ def pascals_and_megapascals(scene: hhr.Scene) -> hhr.Scene:
 
 
 def gigapascals(scene: hhr.Scene) -> hhr.Scene:
-    """All moduli in GPa."""
     return body(0, young=210.0)(body(1, young=210.0)(scene))
 
 
@@ -340,14 +321,12 @@ def told(change: Change) -> list[str]:
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_is_told_with_its_object_and_its_remedy(name):
-    """At least one sentence has both."""
     change, pattern = MISTAKES[name]
     texts = told(change)
     assert any(re.search(pattern, text) for text in texts), texts
 
 
 def test_there_are_thirty_mistakes_and_none_in_the_scene():
-    """The scene itself gives no note at all."""
     assert len(MISTAKES) >= 30
     assert told(lambda scene: scene) == []
 
@@ -368,7 +347,6 @@ QUESTIONS = {
 
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_wrong_questions_to_a_model(trained, name):
-    """By the name of the parameter."""
     question, pattern = QUESTIONS[name]
     with pytest.raises(HHRError, match=pattern):
         trained.solve(question)
@@ -383,7 +361,6 @@ TRAININGS = {
 
 @pytest.mark.parametrize("name", TRAININGS)
 def test_wrong_trainings(name):
-    """Before anything is computed."""
     make, pattern = TRAININGS[name]
     with pytest.raises(HHRError, match=pattern):
         hhr.train(your_scene.scene(), make())
@@ -391,7 +368,6 @@ def test_wrong_trainings(name):
 
 @needs("fallback")
 def test_a_model_of_another_scene(trained, tmp_path):
-    """A model in a file beside the full model of a scene that has since been changed; and files that are no models."""
     path = tmp_path / "model.npz"
     hhr.save_model(path, trained)
     other = hhr.FullOrderModel(replace(body(2, young=2000.0)(your_scene.scene()), name="softer"))
@@ -402,7 +378,6 @@ def test_a_model_of_another_scene(trained, tmp_path):
 
 
 def test_cad_is_no_mesh(tmp_path):
-    """The wrong export of a modeller."""
     path = tmp_path / "spring.step"
     path.write_text("ISO-10303-21;")
     (text,) = told(file(path))

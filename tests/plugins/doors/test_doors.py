@@ -10,14 +10,19 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from functools import partial
+from unittest.mock import Mock
 
 import contract
 import numpy as np
 import pytest
+from threads import at_once
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import FileError, NotOfferedError, OutsideTrainingError
+from hhr_dolfinx.command.main import hhr as command
+from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.plugins.doors import um_bridge
+from hhr_dolfinx.plugins.doors.dakota import answer_dakota
 from hhr_dolfinx.plugins.doors.function import OutputFunction
 from hhr_dolfinx.trained import TrainedRange
 
@@ -96,7 +101,6 @@ def serving(path, *words):
 
 @pytest.fixture
 def client(model, tmp_path):
-    """UM-Bridge's own client of a model."""
     umbridge = pytest.importorskip("umbridge")
     hhr.save_model(tmp_path / "model.npz", model)
     with serving(tmp_path / "model.npz", "--name", "contact") as url:
@@ -221,10 +225,7 @@ def test_a_server_listens_where_it_is_told_to(model, served):
 
 
 def test_a_fault_of_a_model_costs_no_client_its_sentence(served, monkeypatch):
-    def broken(asked):
-        raise ZeroDivisionError("by a fault")
-
-    monkeypatch.setitem(served.protocol.posted, "/Evaluate", broken)
+    monkeypatch.setitem(served.protocol.posted, "/Evaluate", Mock(side_effect=ZeroDivisionError("by a fault")))
     status, answer = requested(served, "/Evaluate", json.dumps(GOOD))
     assert (status, answer) == (500, {"error": {"type": "InvalidOutput", "message": "ZeroDivisionError: by a fault"}})
 
@@ -233,16 +234,11 @@ def test_a_server_takes_turns_with_all_its_clients(served):
     """Threads share the model, and each client gets its own answer."""
     points = served.protocol.function.model.parameters.random(40, 3)
     points = np.minimum(points, served.protocol.function.model.trained.upper)
-    found = [None] * len(points)
 
-    def ask(k):
-        found[k] = requested(served, "/Evaluate", json.dumps(GOOD | {"input": [points[k].tolist()]}))[1]["output"][0]
+    def ask(point):
+        return requested(served, "/Evaluate", json.dumps(GOOD | {"input": [point]}))[1]["output"][0]
 
-    threads = [threading.Thread(target=ask, args=(k,)) for k in range(len(points))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    found = at_once([partial(ask, point) for point in points.tolist()])
     np.testing.assert_allclose(found, served.protocol.function(points), rtol=1e-10)
 
 
@@ -364,19 +360,22 @@ PARAMETERS = """                                          3 variables
 """
 
 
+def parameters_file(folder, model, point, name="params.in", **changes):
+    """What Dakota asks for, and where it wants the results."""
+    text = PARAMETERS.format(**dict(zip(model.parameters.names, point, strict=True)) | changes)
+    (folder / name).write_text(text)
+    return folder / name, (folder / name).with_suffix(".out")
+
+
 def test_an_evaluation_of_dakota(model, exact, tmp_path):
     """A file as Dakota 6.20 writes it: other orders than ours, a value that is not asked for, two of three slopes."""
-    from hhr_dolfinx.command.main import hhr as command
-
     point, values, slopes = exact
     hhr.save_model(tmp_path / "model.npz", model)
-    given = dict(zip(model.parameters.names, point, strict=True))
-    (tmp_path / "params.in").write_text(PARAMETERS.format(**given))
-    words = [str(tmp_path / name) for name in ("model.npz", "params.in", "results.out")]
+    words = [tmp_path / "model.npz", *parameters_file(tmp_path, model, point)]
     with pytest.raises(SystemExit) as ended:
-        command(["dakota", *words])
+        command(["dakota", *map(str, words)])
     assert ended.value.code == 0
-    value, *found = (tmp_path / "results.out").read_text().splitlines()
+    value, *found = words[-1].read_text().splitlines()
     number, name = value.split()
     assert name == "force" and float(number) == pytest.approx(values[1], rel=1e-12)
     places = [model.parameters.names.index(name) for name in ("load", "push")]
@@ -395,44 +394,35 @@ def test_an_evaluation_of_dakota(model, exact, tmp_path):
     ("0.1", "nan", "no parameters file|finite"),
 ])  # fmt: skip
 def test_what_dakota_asks_for_in_vain(model, exact, tmp_path, old, new, message):
-    from hhr_dolfinx.errors import HHRError
-    from hhr_dolfinx.plugins.doors.dakota import answer_dakota
-
-    given = dict(zip(model.parameters.names, exact[0], strict=True))
-    text = PARAMETERS.format(**given)
+    asked, answered = parameters_file(tmp_path, model, exact[0])
+    text = asked.read_text()
     if old == "0.1":
-        old = f"{given['load']:.15e}"
+        old = f"{exact[0][model.parameters.names.index('push')]:.15e}"
     assert old in text
-    (tmp_path / "params.in").write_text(text.replace(old, new, 1))
+    asked.write_text(text.replace(old, new, 1))
     with pytest.raises(HHRError, match=message):
-        answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
+        answer_dakota(model, asked, answered)
     # what Dakota may capture is a point, not a study that is set up wrong
-    assert (tmp_path / "results.out").exists() == (new == "nan")
+    assert answered.exists() == (new == "nan")
 
 
 def test_a_point_without_an_answer_fails_as_dakota_captures_it(model, narrow, beyond, exact, tmp_path):
-    from hhr_dolfinx.errors import HHRError, ParameterError
-    from hhr_dolfinx.plugins.doors.dakota import answer_dakota
-
-    given = dict(zip(model.parameters.names, exact[0], strict=True)) | {"push": 99.0}
-    (tmp_path / "params.in").write_text(PARAMETERS.format(**given))
+    asked, answered = parameters_file(tmp_path, model, exact[0], push=99.0)
     with pytest.raises(ParameterError, match="push = 99 is outside"):
-        answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
-    assert (tmp_path / "results.out").read_text().startswith("fail\n# push = 99 is outside")
-    (tmp_path / "untrained.in").write_text(PARAMETERS.format(**dict(zip(given, beyond, strict=True))))
+        answer_dakota(model, asked, answered)
+    assert answered.read_text().startswith("fail\n# push = 99 is outside")
+    asked, answered = parameters_file(tmp_path, narrow, beyond, "untrained.in")
     with pytest.raises(OutsideTrainingError, match=UNTRAINED):
-        answer_dakota(narrow, tmp_path / "untrained.in", tmp_path / "untrained.out")
-    assert re.match(f"fail\n# {UNTRAINED}", (tmp_path / "untrained.out").read_text())
-    (tmp_path / "empty.in").write_text("")
+        answer_dakota(narrow, asked, answered)
+    assert re.match(f"fail\n# {UNTRAINED}", answered.read_text())
+    asked.write_text("")
     with pytest.raises(HHRError, match="it ends early"):
-        answer_dakota(model, tmp_path / "empty.in", tmp_path / "other.out")
+        answer_dakota(model, asked, answered)
     with pytest.raises(FileError, match="cannot be read"):
-        answer_dakota(model, tmp_path / "none.in", tmp_path / "other.out")
+        answer_dakota(model, tmp_path / "none.in", answered)
 
 
 def test_descriptors_have_no_spaces(tmp_path):
-    from hhr_dolfinx.plugins.doors.dakota import answer_dakota
-
     named = dataclasses.replace(contract.blocks(), outputs=(hhr.LargestPressure("peak pressure", 0),))
     model = hhr.condense(named)
     text = "2 variables\n0.03 push\n0.05 load\n1 functions\n1 ASV_1:peak_pressure\n0 derivative_variables\n"

@@ -40,19 +40,16 @@ def pellet():
 
 
 def changed(**others):
-    """The quick greedy with other settings."""
     given = {name: getattr(QUICK, name) for name in QUICK.__dataclass_fields__}
     return hhr.Greedy(**(given | others))
 
 
 def trained(scene, greedy, **others):
-    """A training without answers held out."""
     return train(scene, greedy, held_out=0, comm=MPI.COMM_SELF, **others)
 
 
 @pytest.fixture(scope="module")
 def case():
-    """A greedy training of the pellet."""
     return trained(pellet(), QUICK)
 
 
@@ -112,10 +109,7 @@ def test_the_domain_of_everything_answers_as_the_full_model(case):
 
 @pytest.mark.parametrize(("indicator", "rank"), [(hhr.Eta(), 0.2), (hhr.Eta2(), 0.4)])
 def test_indicators_of_the_thesis(case, indicator, rank):
-    """They vanish where the model was trained, as far as it is exact there, and follow the error elsewhere.
-
-    That of the displacement V gamma; eta has a part of the forces besides, which spoils it (section 2.6.3.e).
-    """
+    """They vanish where the model was trained; elsewhere they follow errors of V gamma, eta less (section 2.6.3.e)."""
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
     model = hhr.build(full, known, hhr.Recipe(cone=True).as_it_is())
@@ -279,8 +273,6 @@ def test_a_choice_of_another_box_is_another_one(tmp_path):
 
 
 class Fixed:
-    """A user's own sampling: points of an array."""
-
     def __init__(self, points):
         self.table = points
 
@@ -290,8 +282,6 @@ class Fixed:
 
 @dataclasses.dataclass(frozen=True)
 class Shifted:
-    """Another one, that holds a function."""
-
     move: object
 
     def points(self, space):
@@ -342,10 +332,7 @@ def test_digests_tell_types_shapes_and_order_apart():
 @pytest.mark.parametrize("young", [1.0, "E"])
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_cells_have_the_energy_of_their_strain(poisson, young):
-    """Of any cells that of a uniform strain is their area times its density, and none of a rigid motion.
-
-    Cells at nu = 0.48 take their mean dilatation, which is that of a uniform strain. Round-off of some hundred sums.
-    """
+    """Area times density of a uniform strain, with a mean dilatation too (nu = 0.48); none of a rigid motion."""
     box = {"E": (0.5, 2.0)} if young == "E" else {}
     full = hhr.FullOrderModel(pressed_pair("plane_strain", ((young, poisson), (2.0, 0.25)), box))
     problem = full.problem
@@ -368,11 +355,7 @@ def test_cells_have_the_energy_of_their_strain(poisson, young):
 
 
 def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
-    """(2.124) written out once more, and (2.122): with true values on the interface it is no less than the error.
-
-    The error is that on the RID, in its energy. With the energy of cells outside of the RID the indicator was up to
-    19 % less than the printed one. Two ways to solve with K[A, A] agree to 1e-8: the residual is a small rest.
-    """
+    """(2.124) written out, and (2.122): with true values on the interface no less than the error on the RID."""
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
     model = hhr.build(full, known, hhr.Recipe(cone=True).as_it_is())
@@ -449,35 +432,28 @@ class Choosing:
         return space.random(self.count, self.twice)
 
 
-@pytest.mark.parametrize("value", [limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)]])
-def test_a_digest_knows_what_functions_read(value, monkeypatch):
-    """Globals of a module are part of a choice, and those that its functions read."""
-    before = digest_of_values(value, "it")
+HERE = sys.modules[__name__]
+
+
+@pytest.mark.parametrize(
+    ("value", "holder", "name", "other"),
+    [
+        *((value, HERE, "LIMIT", 2)
+          for value in (limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)])),
+        (limited, HERE, "STEP", {"of": [0.25]}),
+        (Choosing(), Choosing, "count", 5),
+        (Choosing(), Choosing, "points", lambda self, space: space.random(3, 0)),
+    ],
+)  # fmt: skip
+def test_a_digest_knows_what_functions_read(value, holder, name, other, monkeypatch):
+    """Globals of a module, of functions that are called too, attributes and methods; and nothing that is not read."""
+    before, unread = (digest_of_values(item, "it") for item in (value, stepped))
     assert digest_of_values(value, "it") == before
-    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
-    assert digest_of_values(value, "it") != before
-
-
-def test_a_digest_knows_globals_of_functions_that_are_called(monkeypatch):
-    before = digest_of_values(limited, "it")
-    monkeypatch.setitem(STEP, "of", [0.25])
-    assert digest_of_values(limited, "it") != before
-
-
-def test_a_digest_knows_attributes_and_methods_of_classes(monkeypatch):
-    before = digest_of_values(Choosing(), "it")
     with monkeypatch.context() as changed:
-        changed.setattr(Choosing, "count", 5)
-        assert digest_of_values(Choosing(), "it") != before
-    assert digest_of_values(Choosing(), "it") == before
-    monkeypatch.setattr(Choosing, "points", lambda self, space: space.random(3, 0))
-    assert digest_of_values(Choosing(), "it") != before
-
-
-def test_a_digest_does_not_know_what_is_not_read(monkeypatch):
-    before = digest_of_values(stepped, "it")
-    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
-    assert digest_of_values(stepped, "it") == before
+        changed.setattr(holder, name, other)
+        assert digest_of_values(value, "it") != before
+        assert (digest_of_values(stepped, "it") == unread) == (name != "STEP")
+    assert digest_of_values(value, "it") == before
 
 
 def test_a_global_that_has_no_values_is_refused(tmp_path):

@@ -1,17 +1,16 @@
 """Local models: the choice by cuts, and a set that answers as the model of each part does."""
 
-import copy
 import dataclasses
-import pickle
 import timeit
 import warnings
+from unittest.mock import Mock
 
 import numpy as np
 import pellet_cladding as pellet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from needs import needs, present
+from needs import needs
 from parted import (
     AS_IT_IS,
     CUT,
@@ -27,7 +26,6 @@ from parted import (
     varying_set,
 )
 from scenes import largest_difference, pressed_block, slope_errors
-from threads import at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -342,25 +340,12 @@ def test_the_door_of_each_part(models):
     for ask in (lambda how: local.solve(HIGH, outside=how), lambda how: local.solve_many([LOW, HIGH], outside=how)):
         with pytest.raises(ParameterError, match="outside = 'never' is unknown"):
             ask("never")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         local.solve((100.0, 5.0), outside="ignore")
         # by the border the other model was trained there, and is taken
         answer = local.solve((100.0, 5.45))
         assert local.model_of(answer) == 1
         assert local.solve_many([(100.0, 5.45)], outside="refuse").model.tolist() == [1]
-
-
-@pytest.mark.parametrize("point", [(np.nan, 1.0), (1e9, 1.0), (1.0,), (1.0, 2.0, 3.0), "point", None, [[1.0, 2.0]]])
-def test_points_that_are_none(point, local):
-    with pytest.raises(ParameterError):
-        local.solve(point)
-    with pytest.raises(ParameterError):
-        local.solve_many([point])
-
-
-def test_points_by_name_and_as_numbers(local):
-    assert bits(local.solve({"h1": LOW[1], "P1": LOW[0]})) == bits(local.solve(np.array(LOW)))
 
 
 @needs("moduli")
@@ -376,26 +361,6 @@ def test_stiffness_that_varies(varying):
         assert largest_difference(many[k].displacement(), answer.displacement()) < 1e-10
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda local: pickle.loads(pickle.dumps(local))])
-def test_copies_answer_alike(copied, local, request):
-    sets = [(local, (LOW, HIGH, BY_THE_BORDER))]
-    if present("moduli"):
-        training, varying = request.getfixturevalue("varying")
-        sets.append((varying, training.snapshots.points[:3]))
-    for one, points in sets:
-        made = hhr.LocalModels(one.models, one.choice, offline="how it was made")
-        again = copied(made)
-        assert [bits(again.solve(point)) for point in points] == [bits(one.solve(point)) for point in points]
-        assert again.offline is None and made.offline == "how it was made"
-
-
-def test_threads_ask_one_set(models, points):
-    local = hhr.LocalModels(models, one_cut(1, CUT, REACH))
-    jobs = [lambda part=part: [bits(local.solve(point)) for point in part] for part in np.array_split(points[:40], 4)]
-    found = at_once(jobs)
-    assert found == [job() for job in jobs]
-
-
 # ---------------------------------------------------------------- what is no set
 
 
@@ -406,7 +371,10 @@ def test_models_that_do_not_go_together(models, training):
     stiffer = models[1].changed(fields=dataclasses.replace(models[1].fields, **bounds))
     mute = models[1].changed(fields=dataclasses.replace(models[1].fields, functionals=None, output_bound=None))
     wide = dataclasses.replace(training.full_order.parameters, upper=(400.0, 6.0))
-    for model in (other, stiffer, mute, models[1].changed(parameters=wide)):
+    mesh = {**pellet.QUICK_MESH, "radial_cells": 5}
+    finer = dataclasses.replace(pellet.scene(**mesh), outputs=OUTPUTS)
+    (apart,) = parts_of(hhr.train(finer, (4, 4), held_out=0), [(0.0, 6.1)])
+    for model in (other, apart, stiffer, mute, models[1].changed(parameters=wide)):
         with pytest.raises(ReductionError, match="local model 1 is of another scene or mesh"):
             hhr.LocalModels([models[0], model], halves)
     for given_ in ([], [models[0], None], [training.full_order]):
@@ -425,14 +393,6 @@ def test_bodies_that_flow_are_for_histories(models):
     flowing.flow = "something"
     with pytest.raises(ReductionError, match="take one model"):
         hhr.LocalModels([models[0], flowing], one_cut(1, CUT, REACH))
-
-
-def test_models_of_another_mesh(models):
-    mesh = {**pellet.QUICK_MESH, "radial_cells": 5}
-    scene = dataclasses.replace(pellet.scene(**mesh), outputs=OUTPUTS)
-    other = parts_of(hhr.train(scene, (4, 4), held_out=0), [(0.0, 6.1)])
-    with pytest.raises(ReductionError, match="another scene or mesh"):
-        hhr.LocalModels([models[0], *other], one_cut(1, CUT, REACH))
 
 
 def test_three_models_in_the_plane_of_two_parameters(models, training):
@@ -457,14 +417,10 @@ def test_a_fallback_on_a_local_set_marches_past_answers_of_the_full_model(traini
 
 def test_why_a_model_of_a_set_has_no_answer_is_told(training, models, local, monkeypatch):
     for model in models:
-        monkeypatch.setattr(model, "_answered", fails)
+        monkeypatch.setattr(model, "_answered", Mock(side_effect=SingularError("K of a body")))
     with pytest.raises(SingularError, match="K of a body"):
         local.solve(LOW)
     assert not local.solve(LOW, raise_on_failure=False).converged
-
-
-def fails(*_):
-    raise SingularError("K of a body")
 
 
 @pytest.mark.parametrize("start", [[[True], [True, False]], [1, 0], "rubbish"])

@@ -16,7 +16,7 @@ from scenes import pressed_pair
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
 from hhr_dolfinx.plugins.local import splitting
-from hhr_dolfinx.plugins.local.clustered import built, force_errors, least_forces, moving
+from hhr_dolfinx.plugins.local.clustered import built, least_forces, moving
 from hhr_dolfinx.plugins.local.clusters import forest_tree, separating_cut, tree_of_cells
 
 FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
@@ -162,19 +162,6 @@ def test_no_stripe_by_the_borders(training, split, regular):
     # twice as wrong by a border
     wrong = np.where(near_borders(regular, points), 2.0, 1.0)
     assert stripe(regular, points, wrong) == 2.0 and np.isnan(stripe(regular, points[:1], wrong[:1]))
-
-
-def test_used_like_one_model(training, split, tmp_path):
-    """Outputs, gradients, estimates, many at once, files."""
-    points = training.full_order.parameters.random(12, 3)
-    hhr.save_model(tmp_path / "set.npz", split)
-    stored, many = hhr.load_model(tmp_path / "set.npz"), split.solve_many(points)
-    for k, point in enumerate(points):
-        answer = split.solve(point, gradient=True)
-        assert answer.forces() == pytest.approx(many[k].forces(), rel=1e-9, abs=1e-9)
-        assert stored.solve(point).outputs()["force"] == pytest.approx(answer.outputs()["force"], rel=1e-12)
-        assert answer.estimate().dual_relative == pytest.approx(many.estimates()[k].dual_relative, rel=1e-6, abs=1e-9)
-    assert (force_errors(split, points, 0.0) >= 0).all()
 
 
 def test_no_set_of_two_scenes(training):

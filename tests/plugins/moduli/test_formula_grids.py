@@ -75,8 +75,7 @@ def test_a_spike_between_all_nodes_is_said(spiked):
 
 
 def test_a_reduced_model_factors_anew_and_says_what_it_has_not_seen(spiked):
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as said:
         model = spiked.build()
     unseen = [str(item.message) for item in said if item.category is TrainingWarning]
     assert unseen and all("t = 0.613, and" in text and "at all training points" in text for text in unseen)

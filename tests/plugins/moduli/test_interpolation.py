@@ -98,17 +98,22 @@ def test_nodes_go_where_they_are_needed():
     assert grid.evaluations < 3 * highest[0] + 10  # each level tries the products with the other two
 
 
-def test_an_axis_whose_first_surplus_vanishes_by_chance_is_not_left_out():
-    """Odd about the middle: x^2 has no surplus on a node where it is as in the middle, and even functions at first."""
+@pytest.mark.parametrize(
+    ("function", "accuracy"),
+    [
+        # odd about the middle: x^2 has no surplus on a node where it is as in the middle, and even functions at first
+        (lambda x: 1 + x[0] * (x[0] - 1), 1e-12),
+        (lambda x: 2 + x[1] * (1 - x[1]) * x[0] + x[0] + x[1] ** 2, 1e-12),
+        (lambda x: 3 + x[0] * (1 - x[0]) * x[1] * (1 - x[1]), 1e-10),
+        # constant along both axes through the middle, or zero in the middle and at both ends
+        (lambda x: 2 + x[0] * x[1], 1e-7),
+        (lambda x: 2 + np.sin(np.pi * x[0]), 1e-7),
+        (lambda x: 2 + x[0] * x[1] ** 3, 1e-7),
+    ],
+)
+def test_what_vanishes_at_first_nodes_by_chance_is_found_elsewhere(function, accuracy):
     area = box((-1.0, 1.0), (-1.0, 1.0))
-    for function in (lambda x: 1 + x[0] * (x[0] - 1), lambda x: 2 + x[1] * (1 - x[1]) * x[0] + x[0] + x[1] ** 2):
-        assert worst(grown(lambda x, f=function: np.array([f(x)]), area), lambda x, f=function: [f(x)], area) < 1e-12
-
-
-def test_mixed_terms_whose_first_surplus_vanishes_by_chance_are_not_left_out():
-    area = box((-1.0, 1.0), (-1.0, 1.0))
-    function = lambda x: np.array([3 + x[0] * (1 - x[0]) * x[1] * (1 - x[1])])  # noqa: E731
-    assert worst(grown(function, area), function, area) < 1e-10
+    assert worst(grown(lambda x: np.array([function(x)]), area), lambda x: [function(x)], area) < accuracy
 
 
 @pytest.mark.parametrize("budget", [1, 2, 5, 17])
@@ -154,13 +159,7 @@ def test_long_axes_end():
     area, function = box((-1.0, 1.0)), lambda x: np.array([abs(x[0] - 0.1)])
     grid = grown(function, area, 1e-10, 1000)
     assert grid.evaluations == MOST_LEVELS
-    assert grid.interpolant.levels.max() == MOST_LEVELS - 1
-
-
-def test_long_axes_that_ended_tell_their_surplus():
-    """So that nobody takes what could not be interpolated for smooth."""
-    grid = grown(lambda x: np.array([abs(x[0] - 0.1)]), box((-1.0, 1.0)), 1e-10, 1000)
-    assert grid.surplus > 1e-4
+    assert grid.interpolant.levels.max() == MOST_LEVELS - 1 and grid.surplus > 1e-4
 
 
 def test_many_values_are_kept_by_few_modes():
@@ -178,17 +177,6 @@ def test_polynomials_are_hierarchical():
     made = Interpolant(np.array([0]), np.array([2.0]), np.array([4.0]), levels, np.eye(8), np.eye(8))
     table = np.array([made.polynomials(np.array([3.0 + node])) for node in leja_points()[:8]])
     assert np.diag(table) == pytest.approx(np.ones(8)) and np.abs(np.triu(table, 1)).max() < 1e-12
-
-
-@pytest.mark.parametrize("function", [
-    lambda x: np.array([2 + x[0] * x[1]]),
-    lambda x: np.array([2 + np.sin(np.pi * x[0])]),
-    lambda x: np.array([2 + x[0] * x[1] ** 3]),
-])  # fmt: skip
-def test_what_vanishes_at_all_first_nodes_is_found_elsewhere(function):
-    """Constant along both axes through the middle, or zero in the middle and at both ends."""
-    area = box((-1.0, 1.0), (-1.0, 1.0))
-    assert worst(grown(function, area), function, area) < 1e-7
 
 
 @pytest.mark.parametrize("budget", range(1, 30))

@@ -1,11 +1,8 @@
 """Reduced models of scenes whose elasticity depends on parameters: consistency, interpolation, gradients."""
 
-import pickle
-
 import numpy as np
 import pytest
-from bare import arrays_of
-from scenes import PAIR_BOX, largest_difference, pressed_pair, slope_errors, whole_domain
+from scenes import largest_difference, pressed_pair, slope_errors, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError, StabilityWarning
@@ -115,17 +112,6 @@ def test_gradients_are_near_those_of_the_full_model(training, reduced, condensed
     assert np.abs((found.multipliers - exact.gradient.multipliers[rows]) * box).max() < 2e-2 * size
 
 
-def test_copies_answer_alike(reduced, condensed):
-    """By pickle: a pool of workers may take them; stress needs the mesh, which stays."""
-    for model in (reduced, reduced.changed(compliances=None), condensed):
-        assert not [array.strides for array in arrays_of(model) if not array.flags.forc]
-        again = pickle.loads(pickle.dumps(model))
-        one, other = model.solve(POINT, gradient=True), again.solve(POINT, gradient=True)
-        assert np.array_equal(one.multipliers, other.multipliers)
-        assert np.array_equal(one.displacement(), other.displacement())
-        assert np.array_equal(one.gradient.unknown, other.gradient.unknown)
-
-
 def test_every_start_ends_at_the_same_answer(training, condensed, reduced):
     for model in (condensed, reduced, training.full_order):
         for point in points_of(training, 4):
@@ -188,7 +174,3 @@ def test_one_body_on_an_obstacle_and_one_that_does_not_vary():
 def test_settings_that_are_none(given):
     with pytest.raises(ReductionError, match=r"must lie in \(0, 1\), and its budget = .* be a positive integer"):
         GridSettings(**given)
-
-
-def test_the_box_of_the_tests_is_that_of_the_scene(training):
-    assert training.full_order.parameters.names == (*PAIR_BOX, *MATERIALS)

@@ -244,10 +244,7 @@ def real_context(monkeypatch):
 
 
 def test_a_check_asks_for_what_no_model_was_made_from(real_context):
-    """Neither training points, nor those at which models are looked at or timed, nor those of another check.
-
-    Answers of a check make the next model better: that one must not be looked at where it knows them.
-    """
+    """Neither training points, nor those at which models are looked at or timed, nor those of another check."""
     asked = []
     looked_at = np.concatenate([BOX.random(search.LOOKED_AT, real_context.seed + number) for number in range(4)])
     for _ in range(3):
@@ -269,9 +266,3 @@ def test_paths_of_a_check_are_none_of_the_training(real_context):
     points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_context.seed))]
     found = [{tuple(point) for point in some} for some in points]
     assert not (found[0] & found[1] or found[0] & found[2] or found[1] & found[2])
-
-
-# ---------------------------------------------------------------- what a report advises
-
-
-# ---------------------------------------------------------------- what a report shows

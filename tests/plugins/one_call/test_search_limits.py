@@ -6,6 +6,7 @@ Seconds are those of a clock that the tests move themselves: nothing here depend
 import dataclasses
 import itertools
 import json
+from unittest.mock import Mock
 
 import contract
 import numpy as np
@@ -172,10 +173,7 @@ def test_compliances_of_another_stiffness_are_not_taken(clocked, tmp_path):
 @pytest.mark.parametrize(("of", "made"), [("forces", False), ("displacement", True)])
 def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypatch):
     """Without a bound they serve displacements alone, and take longer than all else of a model in space."""
-
-    def refused(*_):
-        raise BoundError("S is not resolved")
-
+    refused = Mock(side_effect=BoundError("S is not resolved"))
     monkeypatch.setattr(condense, "between", refused)
     monkeypatch.setattr(condense, "varying_bound", refused)
     model = hhr.reduce(VARIES, 0.05, of=of, progress=unannounced)
@@ -201,17 +199,12 @@ def test_a_bound_that_is_not_affordable_is_left_out(clocked):
 def test_why_there_is_no_bound_is_found_once(monkeypatch):
     """The reason belongs to the full model: the next model of it does not solve for it again."""
     full = hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
-    asked = []
-
-    def refused(*_):
-        asked.append(1)
-        raise BoundError("S is not resolved")
-
+    refused = Mock(side_effect=BoundError("S is not resolved"))
     monkeypatch.setattr(bounding, "_between", refused)
     for _ in range(2):
         with pytest.raises(BoundError, match="S is not resolved"):
             bounding.between(full)
-    assert len(asked) == 1
+    assert refused.call_count == 1
 
 
 # ---------------------------------------------------------------- reasons

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import contact_patch_test as patch
 import hertz_half_discs as discs
@@ -121,9 +122,7 @@ def test_condensed_flow_beside_the_hyper_reduced_model(study):
 def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch, method):
     """The study goes on with the other one, which then is the model under study."""
 
-    def refuse(*given, **named):
-        raise UnstableModelError("it cannot be trusted")
-
+    refuse = Mock(side_effect=UnstableModelError("it cannot be trusted"))
     monkeypatch.setattr(type(study.training), "build" if method == "HHR" else "condense", refuse)
     again = run_study(study.training, replace(settings_of_paths(), variants=()))
     report, other = again.report, "condensed" if method == "HHR" else "HHR"

@@ -40,16 +40,15 @@ def quiet():
     return Console(record=True, width=300, file=open("/dev/null", "w"))
 
 
-def killed_after(count):
-    """Progress of a run that is interrupted after some blocks."""
+def killed(model, rows, target, resume="model"):
+    """A run that is interrupted after two blocks."""
 
     def progress(items):
-        for k, item in enumerate(items):
-            if k == count:
-                raise KeyboardInterrupt
-            yield item
+        yield from items[:2]
+        raise KeyboardInterrupt
 
-    return progress
+    with pytest.raises(KeyboardInterrupt):
+        answer_table(model, rows, target, quiet(), progress, resume=resume)
 
 
 def counting(seen):
@@ -64,8 +63,7 @@ def counting(seen):
 def test_a_table_that_was_killed_goes_on_where_it_was(ending, model, rows, tmp_path):
     whole, target = tmp_path / f"whole{ending}", tmp_path / f"a{ending}"
     assert answer_table(model, rows, whole, quiet()) == 1
-    with pytest.raises(KeyboardInterrupt):
-        answer_table(model, rows, target, quiet(), killed_after(2), resume="model")
+    killed(model, rows, target)
     assert not target.exists() and (tmp_path / f"a{ending}.parts").is_dir()
     seen = []
     assert answer_table(model, rows, target, quiet(), counting(seen), resume="model") == 1
@@ -80,8 +78,7 @@ def test_a_table_that_was_killed_goes_on_where_it_was(ending, model, rows, tmp_p
 
 def test_a_block_that_was_damaged_is_answered_again(model, rows, tmp_path):
     answer_table(model, rows, tmp_path / "whole.csv", quiet())
-    with pytest.raises(KeyboardInterrupt):
-        answer_table(model, rows, tmp_path / "a.csv", quiet(), killed_after(2), resume="model")
+    killed(model, rows, tmp_path / "a.csv")
     block = tmp_path / "a.csv.parts" / "000000.csv"
     content = bytearray(block.read_bytes())
     content[-20] ^= 1
@@ -94,8 +91,7 @@ def test_a_block_that_was_damaged_is_answered_again(model, rows, tmp_path):
 
 @pytest.mark.parametrize("change", ["model", "row", "none"])
 def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        answer_table(model, rows, tmp_path / "a.csv", quiet(), killed_after(2), resume="one")
+    killed(model, rows, tmp_path / "a.csv", "one")
     seen, other = [], [*rows[:-1], rows[0]] if change == "row" else rows
     resume = {"model": "another", "row": "one", "none": None}[change]
     answer_table(model, other, tmp_path / "a.csv", quiet(), counting(seen), resume=resume)
@@ -119,8 +115,7 @@ def test_a_folder_of_the_user_is_left_alone(name, resume, model, rows, tmp_path)
 @pytest.mark.parametrize("resume", [None, "another"])
 def test_what_a_user_puts_beside_blocks_stays(resume, model, rows, tmp_path):
     """Blocks of an earlier run are removed one by one, and the folder only where nothing else is in it."""
-    with pytest.raises(KeyboardInterrupt):
-        answer_table(model, rows, tmp_path / "a.csv", quiet(), killed_after(2), resume="model")
+    killed(model, rows, tmp_path / "a.csv")
     folder = tmp_path / "a.csv.parts"
     (folder / "note.txt").write_text("why")
     assert len(list(folder.iterdir())) == 6
