@@ -14,9 +14,9 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.certify.constants import Constants
-from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
 

@@ -78,8 +78,7 @@ def test_scenes_of_the_demos_are_fine(name, tmp_path):
     assert sum(text.startswith("body ") for text in said) == len(scene.bodies)
     assert sum(text.startswith("contact ") for text in said) == len(scene.contacts)
     path = tmp_path / "picture.png"
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         figure_of_scene(found).savefig(path)
     assert path.stat().st_size > 10_000
 

@@ -13,7 +13,7 @@ from condensing import TIGHT, condensed
 from mpi4py import MPI
 from needs import needs
 from test_condensed_flow import in_units
-from test_pages import CHROMIUM, MODEL, drawn_dofs, dumped, in_node, node, tree_of
+from test_pages import CHROMIUM, LOADED, MODEL, drawn_dofs, dumped, in_node, node, tree_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -26,12 +26,10 @@ from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages import flow_stress, flowing, page
 from hhr_dolfinx.plugins.pages.scenery import thinned
 
-ALONG = """
-const fs = require("fs"), hhr = require(process.argv[1]);
-require(process.argv[2]);
-const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), flow = new hhr.Flowing(model), found = [];
+ALONG = (
+    LOADED
+    + """
+const flow = new hhr.Flowing(model);
 let state = flow.rest(path[0]);
 for (const point of path.slice(1)) {
   state = flow.reached(state, point);
@@ -42,6 +40,7 @@ for (const point of path.slice(1)) {
 const begun = points.map((point) => flow.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
 console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
 """
+)
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 

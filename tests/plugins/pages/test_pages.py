@@ -38,11 +38,14 @@ NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FRICTION = MODEL.parents[1] / "friction" / "friction.js"
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
-PROGRAM = """
+LOADED = """
 const fs = require("fs"), hhr = require(process.argv[1]);
-const { page, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
+if (process.argv[2]) require(process.argv[2]);
+const { page, path, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
 const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), found = [];
+"""
+PROGRAM = """
 if (data.tree.floating) {
   global.hhr = hhr;
   require(process.argv[1].replace("model.js", "floating.js"));
@@ -53,14 +56,14 @@ if (data.tree.bound) {
   require(process.argv[1].replace("model.js", "bound.js"));
 }
 const bound = data.tree.bound && new hhr.Bound(model);
-const found = points.map((point) => {
+const answers = points.map((point) => {
   const open = starts === "open" ? new Uint8Array(model.m) : null;
   const answer = model.solve(point, starts === true ? undefined : open), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
     converged: answer.converged, error: bound && bound.at(answer),
     field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
 });
-console.log(JSON.stringify(found));
+console.log(JSON.stringify(answers));
 """
 
 
@@ -74,7 +77,7 @@ def node(program, *files, **asked):
 
 def answered(text, points, starts=True):
     """What a page answers in node, point by point."""
-    return node(PROGRAM, MODEL, page=text, points=points.tolist(), starts=starts)
+    return node(LOADED + PROGRAM, MODEL, page=text, points=points.tolist(), starts=starts)
 
 
 def along(text, path, points=()):
@@ -403,13 +406,14 @@ def test_models_of_other_kinds_are_refused_by_name(make, said):
 
 def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
     _, model, scenery = made(contract.blocks())
-    with pytest.raises(NotOfferedError, match="of two scenes or meshes"):
-        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, areas=np.ones(3)))
     others = dataclasses.replace(contract.blocks(), bodies=contract.blocks((4.0, 0.3)).bodies)
-    with pytest.raises(NotOfferedError, match="not of the scene of this model"):
-        hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
-    with pytest.raises(NotOfferedError, match="another mesh"):
-        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
+    for said, wrong in (
+        ("of two scenes or meshes", dataclasses.replace(scenery, areas=np.ones(3))),
+        ("not of the scene of this model", made(others)[2]),
+        ("another mesh", dataclasses.replace(scenery, nodes=scenery.nodes + 1000)),
+    ):
+        with pytest.raises(NotOfferedError, match=said):
+            hhr.write_model_page(tmp_path / "page.html", model, wrong)
     monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
     with pytest.raises(NotOfferedError, match="go by mail"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
@@ -531,13 +535,10 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
         assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
 
 
-ALONG = """
-const fs = require("fs"), hhr = require(process.argv[1]);
-require(process.argv[2]);
-const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), sliding = new hhr.Sliding(model);
-const found = [];
+ALONG = (
+    LOADED
+    + """
+const sliding = new hhr.Sliding(model);
 let state = sliding.rest(path[0]);
 for (const point of path.slice(1)) {
   state = sliding.reached(state, point);
@@ -549,6 +550,7 @@ const loaded = points.map((point) => sliding.begun(point));
 const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
 console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
 """
+)
 
 
 def round_blocks_in_space(comm, cells=4):
