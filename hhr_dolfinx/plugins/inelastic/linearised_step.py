@@ -102,7 +102,7 @@ class LinearisedStepper(Stepper):
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
         gauss = gauss_of(answer)
-        _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
+        _, scale = self.model.residual(answer.unknown, gauss, self.model.amplitudes(answer.parameter))
         self._grow(scale, self._mean(gauss.stress))
 
     def _grow(self, forces: np.ndarray, stress: float) -> None:
@@ -112,18 +112,18 @@ class LinearisedStepper(Stepper):
 
     def _mean(self, stress: np.ndarray) -> float:
         """Root of the mean square."""
-        together = self._model.together
+        together = self.model.together
         return float(np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size)))
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the answers before; if that fails, with new tangents, elastically started."""
-        settings = self._settings
+        settings = self.settings
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
         first = settings
         if settings.search == "tangent" and len(trail) > 1:
             first = replace(settings, iterations=min(settings.iterations, NEWTON))
         if len(trail) == 1:  # at rest, or where a path reverses: the first response is elastic
-            self._linearisation = self._model.elastic if settings.search == "frozen" else None
+            self._linearisation = self.model.elastic if settings.search == "frozen" else None
         try:
             return self._finished(self._solved(trail, goal, first), trail, goal)
         except (Diverged, ConvergenceError):
@@ -136,10 +136,10 @@ class LinearisedStepper(Stepper):
 
     def _finished(self, found: Answer, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """The answer, or a more accurate one if iterations with an outdated tangent converged slowly."""
-        if self._settings.search != "frozen" or found.iterations <= TIRED:
+        if self.settings.search != "frozen" or found.iterations <= TIRED:
             return found
         tight = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
-        newton = replace(self._settings, search="tangent", iterations=NEWTON, **tight)
+        newton = replace(self.settings, search="tangent", iterations=NEWTON, **tight)
         try:
             after = self._solved(trail[-1:], goal, newton, found)
         except (Diverged, ConvergenceError):
@@ -150,7 +150,7 @@ class LinearisedStepper(Stepper):
         self, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings, start: Answer | None = None
     ) -> Answer:
         """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or an elastic start."""
-        model = self._model
+        model = self.model
         here = trail[-1]
         dt = goal.time - trail[-1].time
         theta = model.amplitudes(goal.parameter)
@@ -209,7 +209,7 @@ class LinearisedStepper(Stepper):
 
         Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
         """
-        model = self._model
+        model = self.model
         x = here.unknown
         change = model.strain(x, theta) - model.strain(x, model.amplitudes(here.parameter))
         if model.together.every(not change.any()):
