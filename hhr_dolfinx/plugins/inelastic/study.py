@@ -342,7 +342,7 @@ def _report(
     exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
-    makers = {"condensed": condensed_report, "HHR": model_report}
+    makers: Any = {"condensed": condensed_report, "HHR": model_report}
     models: Report = {}
     seconds = {name: item.row.seconds for name, item in measured.items()}
     times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
