@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
 from typing import TYPE_CHECKING
 
@@ -60,9 +61,7 @@ class GaussModel:
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
-        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
-
-        return mises(self.operator, output, cells)
+        return _mises(self.operator, output, cells)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
@@ -98,7 +97,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.problem = problem
         self.operator = gauss.operator
         self.places = gauss.places
-        self.mises = gauss.mises
+        self.mises = partial(_mises, gauss.operator)
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts
@@ -265,6 +264,12 @@ class FullEquilibrium(MeshEquilibrium):
         found = self._lazy(self.stiffness(tangents), self._tangent_factors, tangents)
         with found.held():  # raises an error for a singular tangent
             return found
+
+
+def _mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
+    from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
+    return mises(operator, output, cells)
 
 
 def equilibrium_of(full: FullModel) -> FullEquilibrium:

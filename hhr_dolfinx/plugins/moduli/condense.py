@@ -178,7 +178,6 @@ class _Prepared(NamedTuple):
             warn_unbounded(found)
             return found
 
-    @property
     def unbounded(self) -> bool:
         """True if the errors of a model have no bound, whatever its fields."""
         if self.task.full.problem.law.remembers:
@@ -257,7 +256,7 @@ class Condensation(Reductor[_Prepared]):
         compliances, grids = prepared.compliances(settings)
         with task.log.stage("starts", task.announce):
             known, forces = prepared.starts(compliances, settings)
-        fields = self.fields and not (self.spare and prepared.unbounded)
+        fields = self.fields and not (self.spare and prepared.unbounded())
         with task.log.stage("fields", task.announce):
             if fields:
                 seen = [] if problem.reshaped is None else _fields_seen(compliances, prepared.solvers, forces)
