@@ -65,8 +65,7 @@ class TimeError:
     bodies: tuple[_Rated, ...]  # bodies with rates
     together: Points  # reductions over the points of all ranks
     error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
-    # 2 μ times the rate of plastic strain there, per second; None until it is known
-    rate: tuple[np.ndarray, ...] | None
+    rate: tuple[np.ndarray, ...] | None  # 2 μ times the rate of plastic strain, per second, if it is known
     largest: float = 0.0  # norm of the largest stress so far
     before: float = 0.0  # estimate when a history continued; it does not decay
     added: float = 0.0  # error added by the last step, relative to the largest stress

@@ -49,12 +49,10 @@ class Interpolant:
     """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``."""
 
     axes: Annotated[Integers, "axes", "< P"]  # indices of its d parameters in a point, (d,)
-    # lower, upper: their box, (d,)
-    lower: Annotated[Floats, "axes"]
+    lower: Annotated[Floats, "axes"]  # their box, (d,), as the next
     upper: Annotated[Floats, "axes"]
     levels: Annotated[Integers, "polynomials", "axes"]  # of each polynomial along each axis, (n, d)
-    # directions of the values, (M, r); products are fastest in Fortran order
-    modes: Annotated[Floats, "values", "rank"]
+    modes: Annotated[Floats, "values", "rank"]  # directions of the values; fastest in Fortran order
     weights: Annotated[Floats, "rank", "polynomials"]  # of the polynomials along them, (r, n)
 
     def __post_init__(self) -> None:
