@@ -7,7 +7,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -274,8 +274,8 @@ def _mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) ->
 
 def equilibrium_of(full: FullModel) -> FullEquilibrium:
     """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
-    found = full.equilibrium
-    if not isinstance(found, FullEquilibrium):
+    found: Any = full.equilibrium
+    if found is None or found.reader != "inelastic":
         raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
     return found
 
