@@ -219,7 +219,8 @@ class CondensedEquilibrium(Histories):
         arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
         shear = self.shear(self.material.groups)
         rest = flow.ends, shear, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
-        return StepModel(*map(np.ascontiguousarray, arrays), *rest)
+        every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
+        return StepModel(*every)
 
 
 class _CondensedLinearisation:
