@@ -138,7 +138,7 @@ class LinearisedStepper(Stepper):
         """The answer, or a more accurate one if iterations with an outdated tangent converged slowly."""
         if self.settings.search != "frozen" or found.iterations <= TIRED:
             return found
-        tight = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
+        tight: Any = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
         newton = replace(self.settings, search="tangent", iterations=NEWTON, **tight)
         try:
             after = self._solved(trail[-1:], goal, newton, found)
