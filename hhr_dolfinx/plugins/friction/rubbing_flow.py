@@ -80,7 +80,7 @@ class RubbingFlowStepper(CorrectionStepper):
         self._size = max(self._size, size)
 
     def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
-        model = self._model
+        model = self.model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
         slack = model.gaps(theta).copy()
@@ -95,7 +95,7 @@ class RubbingFlowStepper(CorrectionStepper):
                 found, count = self._solved(load, material, start, here)
             except Diverged as error:
                 failure = error
-                spent += self._settings.iterations
+                spent += self.settings.iterations
                 continue
             return self._answer(found, load, here, goal, spent + count)
         raise failure
@@ -103,11 +103,11 @@ class RubbingFlowStepper(CorrectionStepper):
     def _solved(self, load: _Load, material: Material, start: np.ndarray, here: Answer) -> tuple[_Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
         at = self._tried(load, material, start, here.multipliers, here.active)
-        for iteration in range(1, self._settings.iterations + 1):
-            if at.merit <= self._settings.relative_force * max(float(np.linalg.norm(at.correction)), self._size):
+        for iteration in range(1, self.settings.iterations + 1):
+            if at.merit <= self.settings.relative_force * max(float(np.linalg.norm(at.correction)), self._size):
                 return at, iteration
             at = self._nearer(load, material, at)
-        raise Diverged(f"the {self._settings.iterations} iterations allowed are spent")
+        raise Diverged(f"the {self.settings.iterations} iterations allowed are spent")
 
     def _nearer(self, load: _Load, material: Material, at: _Trial) -> _Trial:
         """The next iterate, by a line search along Newton's direction."""
@@ -131,7 +131,7 @@ class RubbingFlowStepper(CorrectionStepper):
         self, load: _Load, material: Material, correction: np.ndarray, forces: np.ndarray, active: np.ndarray
     ) -> _Trial:
         """Contact, laws and R at a correction."""
-        model = self._model
+        model = self.model
         found = self._contact.increment(load.under(model.flow.moved @ correction), forces, active)
         if found.status is not Status.CONVERGED:
             raise Diverged(f"of the contact problem, {found.status.value}")
@@ -147,7 +147,7 @@ class RubbingFlowStepper(CorrectionStepper):
 
     def _slope(self, load: _Load, at: _Trial) -> np.ndarray:
         """-dR/dg, (ell, ell)."""
-        model = self._model
+        model = self.model
         rows = model.flow.moved
         nothing = np.zeros((self._friction.normal.size, model.modes))
         forces, _ = self._contact.changes(
@@ -160,11 +160,11 @@ class RubbingFlowStepper(CorrectionStepper):
     def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
         self._strains.check(at.strain)
         found = at.found
-        given = load.under(self._model.flow.moved @ at.correction)
+        given = load.under(self.model.flow.moved @ at.correction)
         unknown = np.concatenate([at.correction, found.forces])
         slip = self._surface.after(here.slip, given, found, lambda: unknown, goal.parameter)
         gauss = GaussState(at.update.stress, at.update.state)
-        how = found.active, iterations, Status.CONVERGED, found.sweeps > 0, self._model.fields
+        how = found.active, iterations, Status.CONVERGED, found.sweeps > 0, self.model.fields
         answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=Memory(gauss=gauss, slip=slip))
         self.learn(answer)
         return answer

@@ -26,8 +26,7 @@ class GappyField:
     """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3)."""
 
     modes: Annotated[Floats, "values", "modes"]  # POD modes of training states, (values everywhere, modes)
-    # amplitudes of the modes per value in the RID, (modes, values in the RID)
-    fit: Annotated[Floats, "modes", "known values"]
+    fit: Annotated[Floats, "modes", "known values"]  # amplitudes of the modes per value in the RID
 
     def __post_init__(self) -> None:
         """Copy arrays to the order of files."""

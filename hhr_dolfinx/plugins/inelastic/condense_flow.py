@@ -469,8 +469,7 @@ class _FieldModes:
     """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training."""
 
     flowed: np.ndarray  # numbers of these points
-    # plastic, cumulated: modes
-    plastic: np.ndarray
+    plastic: np.ndarray  # modes, as the next
     cumulated: np.ndarray
     displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
     moduli: np.ndarray  # Lamé's λ and 2 μ of all Gauss points, in the middle of the box

@@ -46,19 +46,14 @@ class PlasticFields:
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
-    # numbers of the Gauss points Z where laws are evaluated, (n,)
-    points: Annotated[Integers, "points", "< gauss points"]
-    # numbers of the points with plastic strain in training, increasing, (f,)
-    flowed: Annotated[Integers, "flowed", "< gauss points"]
+    points: Annotated[Integers, "points", "< gauss points"]  # numbers of the points Z where laws are evaluated
+    flowed: Annotated[Integers, "flowed", "< gauss points"]  # those with plastic strain in training
     plastic: GappyField  # completion of the plastic strain on these; components of a point are adjacent
     cumulated: GappyField  # completion of the cumulated plastic strain
-    # displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k)
-    moved: Annotated[Floats, "N", "plastic modes"]
+    moved: Annotated[Floats, "N", "plastic modes"]  # K^-1 ∫ G^T C Φ of each mode of the plastic strain
     strain: StrainOperator  # ε(u) at all Gauss points
-    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
-    unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]
-    # Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2)
-    moduli: Annotated[Floats, "gauss points", "2"]
+    unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]  # strains without stress
+    moduli: Annotated[Floats, "gauss points", "2"]  # Lamé's λ and 2 μ in the middle of the box
 
     def __post_init__(self) -> None:
         """Convert the arrays to the layout of files."""
@@ -258,8 +253,7 @@ class PartFactors:
     """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity)."""
 
     moduli: tuple[Modulus, ...]  # of each part; empty for constant elasticity
-    # their values in the middle of the box, for which arrays of a model are computed, (Q,)
-    middle: Annotated[Floats, "parts"]
+    middle: Annotated[Floats, "parts"]  # their values in the middle of the box, for which a model is made
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
         """Faults: moduli that are no formulas of these parameters, or other in the middle; SceneError if negative."""

@@ -219,7 +219,8 @@ class CondensedEquilibrium(Histories):
         arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
         shear = self.shear(self.material.groups)
         rest = flow.ends, shear, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
-        return StepModel(*map(np.ascontiguousarray, arrays), *rest)
+        every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
+        return StepModel(*every)
 
 
 class _CondensedLinearisation:
@@ -271,7 +272,7 @@ class CorrectionStepper(Stepper):
 
     def learn(self, answer: Answer) -> None:
         """Take in the correction of a solved step."""
-        self._grow(float(np.linalg.norm(answer.unknown[: self._model.modes])))
+        self._grow(float(np.linalg.norm(answer.unknown[: self.model.modes])))
 
     @abstractmethod
     def _grow(self, size: float) -> None:
@@ -279,7 +280,7 @@ class CorrectionStepper(Stepper):
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
-        modes = self._model.modes
+        modes = self.model.modes
         starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
         return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)
 
@@ -305,7 +306,7 @@ class CondensedStepper(CorrectionStepper):
         numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
 
     def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
-        model = self._model
+        model = self.model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
         before = gauss_of(here).state
@@ -328,7 +329,7 @@ class CondensedStepper(CorrectionStepper):
 
     def _solve(self, load: StepLoad, material: Material) -> int:
         """Try once from the correction in the work arrays; returns why it ended."""
-        settings = self._settings
+        settings = self.settings
         work = self._work
         self._said = ""
         kernels = [kernel for group in material.groups if (kernel := kernel_of(group.law)) is not None]
@@ -387,7 +388,7 @@ class CondensedStepper(CorrectionStepper):
 
     def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
         """Answer from the work arrays."""
-        model = self._model
+        model = self.model
         work = self._work
         self._grow(float(np.linalg.norm(work.here)))
         plastic = work.plastic.T.copy()

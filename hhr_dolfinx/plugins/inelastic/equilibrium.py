@@ -93,8 +93,8 @@ class Stepper(ABC):
     """Solves the steps of one history of a model, with numbers as moduli."""
 
     def __init__(self, model: Any, settings: MarchSettings):
-        self._model = model
-        self._settings = settings
+        self.model = model
+        self.settings = settings
 
     @abstractmethod
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
@@ -103,6 +103,29 @@ class Stepper(ABC):
     @abstractmethod
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
+
+    def advance(self, trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
+        """Solve a step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
+
+        Returns the answers at the ends of the parts; the iterations of the first one include those of failed attempts.
+        """
+        here = trail[-1]
+        spent = 0
+        for parts in (2**halvings for halvings in range(self.settings.cuts + 1)):
+            last = trail
+            found = list[Answer]()
+            try:
+                for share in np.arange(1, parts + 1) / parts:
+                    time = here.time + share * (goal.time - here.time)
+                    after = self.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
+                    found.append(after)
+                    last = (*last[-2:], after)
+                found[0] = found[0]._replace(iterations=found[0].iterations + spent)
+                return found
+            except Diverged as error:
+                failure = error
+                spent += self.settings.iterations + sum(after.iterations for after in found)
+        raise failure
 
 
 class Equilibrium(ABC):

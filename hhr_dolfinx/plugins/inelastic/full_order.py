@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -61,9 +62,7 @@ class GaussModel:
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
-        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
-
-        return mises(self.operator, output, cells)
+        return _mises(self.operator, output, cells)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
@@ -99,7 +98,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.problem = problem
         self.operator = gauss.operator
         self.places = gauss.places
-        self.mises = gauss.mises
+        self.mises = partial(_mises, gauss.operator)
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts
@@ -268,10 +267,16 @@ class FullEquilibrium(MeshEquilibrium):
             return found
 
 
+def _mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
+    from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
+    return mises(operator, output, cells)
+
+
 def equilibrium_of(full: FullModel) -> FullEquilibrium:
     """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
-    found = full.equilibrium
-    if not isinstance(found, FullEquilibrium):
+    found: Any = full.equilibrium
+    if found is None or found.reader != "inelastic":
         raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
     return found
 

@@ -8,7 +8,7 @@ Anderson's acceleration. A step that does not converge is tried again with new t
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -25,7 +25,6 @@ from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.plugins.inelastic.anderson import Anderson
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Linearisation, Stepper, extrapolated
 from hhr_dolfinx.plugins.inelastic.march import Histories
-from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -95,153 +94,134 @@ class LinearisedStepper(Stepper):
 
     def __init__(self, model: MeshEquilibrium, settings: MarchSettings):
         super().__init__(model, settings)
-        self._memory = _Memory(model.patience)
+        self._linearisation: Linearisation | None = None  # of the last step, if it may be used again
+        self._forces: np.ndarray | float = 0.0  # largest size so far
+        self._stress = 0.0  # largest root of its mean square so far
+        self._strains = SmallStrains()
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
         gauss = gauss_of(answer)
-        memory = self._memory
-        _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
-        memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
+        _, scale = self.model.residual(answer.unknown, gauss, self.model.amplitudes(answer.parameter))
+        self._grow(scale, self._mean(gauss.stress))
+
+    def _grow(self, forces: np.ndarray, stress: float) -> None:
+        """Take in the forces and the stress of one more step."""
+        self._forces = np.maximum(forces, self._forces)
+        self._stress = max(self._stress, stress)
+
+    def _mean(self, stress: np.ndarray) -> float:
+        """Root of the mean square."""
+        together = self.model.together
+        return float(np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size)))
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the answers before; if that fails, with new tangents, elastically started."""
-        settings = self._settings
-        memory = self._memory
+        settings = self.settings
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
         first = settings
         if settings.search == "tangent" and len(trail) > 1:
             first = replace(settings, iterations=min(settings.iterations, NEWTON))
         if len(trail) == 1:  # at rest, or where a path reverses: the first response is elastic
-            memory.linearisation = self._model.elastic if settings.search == "frozen" else None
+            self._linearisation = self.model.elastic if settings.search == "frozen" else None
         try:
-            return self._finished(_step(self._model, trail, goal, first, memory), trail, goal)
+            return self._finished(self._solved(trail, goal, first), trail, goal)
         except (Diverged, ConvergenceError):
-            memory.linearisation = None
+            self._linearisation = None
         try:
-            after = _step(self._model, trail[-1:], goal, careful, memory)
+            after = self._solved(trail[-1:], goal, careful)
         except ConvergenceError as error:
             raise Diverged(str(error)) from error
         return after._replace(iterations=first.iterations + after.iterations)
 
     def _finished(self, found: Answer, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """The answer, or a more accurate one if iterations with an outdated tangent converged slowly."""
-        if self._settings.search != "frozen" or found.iterations <= TIRED:
+        if self.settings.search != "frozen" or found.iterations <= TIRED:
             return found
-        newton = replace(
-            self._settings,
-            search="tangent",
-            iterations=NEWTON,
-            relative_stress=TIGHT,
-            floor_stress=TIGHT,
-            relative_force=TIGHT,
-        )
+        tight: Any = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
+        newton = replace(self.settings, search="tangent", iterations=NEWTON, **tight)
         try:
-            after = _step(self._model, trail[-1:], goal, newton, self._memory, start=found)
+            after = self._solved(trail[-1:], goal, newton, found)
         except (Diverged, ConvergenceError):
             return found
         return after._replace(iterations=found.iterations + after.iterations)
 
+    def _solved(
+        self, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings, start: Answer | None = None
+    ) -> Answer:
+        """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or an elastic start."""
+        model = self.model
+        here = trail[-1]
+        dt = goal.time - trail[-1].time
+        theta = model.amplitudes(goal.parameter)
+        material = model.material.at(goal.parameter)
+        if start is not None:
+            x = start.unknown
+        else:
+            x = extrapolated(trail, goal.time) if len(trail) > 1 else self._elastic_start(here, theta, goal.parameter)
+        flows = material.flows and settings.search != "elastic"
+        mixing = Anderson() if material.flows and settings.search != "tangent" else None
+        active = (here if start is None else start).active
+        contact = steps_of(model.law).step_contact(model, here, goal.parameter)
+        noise = model.round_off(x, theta)
+        together = model.together
+        linear: Any = self._linearisation if flows else model.elastic
+        for iteration in range(1, settings.iterations + 1):
+            renew = flows and (linear is None or settings.search == "tangent")
+            strain = model.strain(x, theta)
+            update = together.agreed(partial(material.update, strain, gauss_of(here).state, dt, tangent=renew))
+            if not together.every(bool(np.isfinite(update.stress).all())):
+                raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
+            residual, scale = model.residual(x, update, theta)
+            flowed = update.state.cumulated - gauss_of(here).state.cumulated
+            try:
+                linear = model.linearised(update.tangents) if renew else linear
+                change, found = linear.correct(residual, x, theta, active, contact)
+            except (NotSolvableError, np.linalg.LinAlgError) as error:
+                raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
+            if found.status is not Status.CONVERGED:
+                why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
+                raise Diverged(why, together.place(flowed))
+            left = model.norms(residual - model.contact_load(found.forces))
+            # each body by its own forces, or if it is unloaded by its largest forces before
+            if (left <= settings.relative_force * np.maximum(scale, self._forces) + noise).all():
+                # the more expensive of the two criteria comes last
+                remaining = _stress_change(linear, model.strain_of(change))
+                largest = max(self._stress, self._mean(update.stress))
+                floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
+                if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+                    self._strains.check(strain, together)
+                    again = settings.search != "tangent" and iteration <= model.patience
+                    self._linearisation = linear if again else None
+                    self._grow(scale, largest)
+                    answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
+                    kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
+                    return answer._replace(time=goal.time, memory=kept)
+            active = found.active
+            x = x + change if mixing is None else mixing(x, change)
+        remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
+        largest = together.largest(remaining.max())
+        why = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
+        raise Diverged(why, together.place(remaining))
 
-@dataclass
-class _Memory:
-    """Memory of a history."""
+    def _elastic_start(self, here: Answer, theta: Theta, point: np.ndarray) -> np.ndarray:
+        """The unknown if the step were elastic.
 
-    patience: int  # iterations of a step above which its frozen tangent is not used again
-    linearisation: Linearisation | None = None  # of the last step, if it may be used again
-    forces: np.ndarray | float = 0.0  # largest size
-    stress: float = 0.0  # largest root of its mean square
-    strains: SmallStrains = field(default_factory=SmallStrains)
-
-    def grow(self, forces: np.ndarray, stress: float) -> None:
-        """Take in the forces and the stress of one more step."""
-        self.forces = np.maximum(forces, self.forces)
-        self.stress = max(self.stress, stress)
-
-
-def _root_mean_square(stress: np.ndarray, together: Points) -> float:
-    return float(np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size)))
-
-
-def _step(
-    model: MeshEquilibrium,
-    trail: tuple[Answer, ...],
-    goal: Goal,
-    settings: MarchSettings,
-    memory: _Memory,
-    start: Answer | None = None,
-) -> Answer:
-    """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or an elastic start."""
-    here = trail[-1]
-    dt = goal.time - trail[-1].time
-    theta = model.amplitudes(goal.parameter)
-    material = model.material.at(goal.parameter)
-    if start is not None:
-        x = start.unknown
-    else:
-        x = extrapolated(trail, goal.time) if len(trail) > 1 else _elastic_start(model, here, theta, goal.parameter)
-    flows = material.flows and settings.search != "elastic"
-    mixing = Anderson() if material.flows and settings.search != "tangent" else None
-    active = (here if start is None else start).active
-    contact = steps_of(model.law).step_contact(model, here, goal.parameter)
-    noise = model.round_off(x, theta)
-    together = model.together
-    linear: Any = memory.linearisation if flows else model.elastic
-    for iteration in range(1, settings.iterations + 1):
-        renew = flows and (linear is None or settings.search == "tangent")
-        strain = model.strain(x, theta)
-        update = together.agreed(partial(material.update, strain, gauss_of(here).state, dt, tangent=renew))
-        if not together.every(bool(np.isfinite(update.stress).all())):
-            raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
-        residual, scale = model.residual(x, update, theta)
-        flowed = update.state.cumulated - gauss_of(here).state.cumulated
+        Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
+        """
+        model = self.model
+        x = here.unknown
+        change = model.strain(x, theta) - model.strain(x, model.amplitudes(here.parameter))
+        if model.together.every(not change.any()):
+            return x
+        stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+        residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
         try:
-            linear = model.linearised(update.tangents) if renew else linear
-            change, found = linear.correct(residual, x, theta, active, contact)
-        except (NotSolvableError, np.linalg.LinAlgError) as error:
-            raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
-        if found.status is not Status.CONVERGED:
-            why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
-            raise Diverged(why, together.place(flowed))
-        left = model.norms(residual - model.contact_load(found.forces))
-        # each body by its own forces, or if it is unloaded by its largest forces before
-        if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
-            # the more expensive of the two criteria comes last
-            remaining = _stress_change(linear, model.strain_of(change))
-            largest = max(memory.stress, _root_mean_square(update.stress, together))
-            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
-            if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
-                memory.strains.check(strain, together)
-                memory.linearisation = None if settings.search == "tangent" or iteration > memory.patience else linear
-                memory.grow(scale, largest)
-                answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
-                return answer._replace(time=goal.time, memory=kept)
-        active = found.active
-        x = x + change if mixing is None else mixing(x, change)
-    remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
-    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(remaining.max()):.3g}"
-    raise Diverged(why, together.place(remaining))
-
-
-def _elastic_start(model, here, theta, point):
-    """The unknown if the step were elastic.
-
-    Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
-    """
-    x = here.unknown
-    before = model.amplitudes(here.parameter)
-    change = model.strain(x, theta) - model.strain(x, before)
-    if model.together.every(not change.any()):
-        return x
-    stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
-    residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
-    try:
-        contact = steps_of(model.law).step_contact(model, here, point)
-        change, found = model.elastic.correct(residual, x, theta, here.active, contact)
-    except NotSolvableError:
-        return x
-    return x + change if found.status is Status.CONVERGED else x
+            contact = steps_of(model.law).step_contact(model, here, point)
+            change, found = model.elastic.correct(residual, x, theta, here.active, contact)
+        except NotSolvableError:
+            return x
+        return x + change if found.status is Status.CONVERGED else x
 
 
 def _stress_change(linear: Linearisation, strain: np.ndarray) -> np.ndarray:

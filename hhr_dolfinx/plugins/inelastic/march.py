@@ -163,7 +163,7 @@ def _march(
             stepper.learn(after)
             error = error.going_on(after) if after.parts > 1 else error.after(model, trail[-1], after)
         else:
-            after, error = _stepped(model, stepper, trail, Goal(time, target), settings, error)
+            after, error = _stepped(stepper, trail, Goal(time, target), error)
             slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         check(after)
         signs = model.signs(after)
@@ -180,26 +180,15 @@ def _march(
         trail = (*trail[-2:], after)
 
 
-def _stepped(
-    model: Equilibrium,
-    stepper: Stepper,
-    trail: tuple[Answer, ...],
-    goal: Goal,
-    settings: MarchSettings,
-    error: TimeError,
-) -> tuple[Answer, TimeError]:
+def _stepped(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError) -> tuple[Answer, TimeError]:
     """A step of a path, cut by the time tolerance if there is one, and its time error."""
-
-    def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
-        return _advance(stepper, trail, goal, settings)
-
-    tolerance = settings.time_tolerance
+    tolerance = stepper.settings.time_tolerance
     if tolerance is None or not error.bodies:
-        parts = advance(trail, goal)
+        parts = stepper.advance(trail, goal)
         spent = sum(part.iterations for part in parts)
-        error = error.through(model, trail[-1], parts)
+        error = error.through(stepper.model, trail[-1], parts)
     else:
-        parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
+        parts, error, spent = in_parts(stepper, trail, goal, error, tolerance)
     ends = tuple(part.time for part in parts[:-1])
     return parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error
 
@@ -251,30 +240,6 @@ def _place(model, worst):
         return ""
     number = int(model.points[worst])
     return f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
-
-
-def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
-    """Solve one step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
-
-    Returns the answers at the ends of the parts; the iterations of the first one include those of failed attempts.
-    """
-    here = trail[-1]
-    spent = 0
-    for parts in (2**halvings for halvings in range(settings.cuts + 1)):
-        last = trail
-        found = list[Answer]()
-        try:
-            for share in np.arange(1, parts + 1) / parts:
-                time = here.time + share * (goal.time - here.time)
-                after = stepper.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
-                found.append(after)
-                last = (*last[-2:], after)
-            found[0] = found[0]._replace(iterations=found[0].iterations + spent)
-            return found
-        except Diverged as error:
-            failure = error
-            spent += settings.iterations + sum(after.iterations for after in found)
-    raise failure
 
 
 def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:

@@ -49,8 +49,7 @@ class ReducedFlow:
     inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs that belong to A, (a,)
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
     contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
-    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
-    eigenstrains: Annotated[csc_matrix, "strains", "terms"]
+    eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""

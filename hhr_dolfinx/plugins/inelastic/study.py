@@ -221,10 +221,10 @@ class _Method(NamedTuple):
 
 
 METHODS = {
+    "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
     "condensed": _Method(
         "condensed", "plastic correction", "condensed", "offline_condensed", "fields, condensed", "condensed flow"
     ),
-    "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
 }
 
 
@@ -342,16 +342,18 @@ def _report(
     exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
-    makers = {"condensed": condensed_report, "HHR": model_report}
+    makers: Any = {"condensed": condensed_report, "HHR": model_report}
     models: Report = {}
+    seconds = {name: item.row.seconds for name, item in measured.items()}
     times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
+    for name in reversed(METHODS):
+        times[METHODS[name].times] = summary(seconds[name]) if name in seconds else None
+    slow = np.median(best.seconds)
     ratios: Report = {}
     for name, method in METHODS.items():
         item = measured.get(name)
         models[method.key] = {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
-        times[method.times] = None if item is None else summary(item.row.seconds)
-        slow = np.median(best.seconds)
-        ratios[f"fom_best/{method.times}"] = None if item is None else float(slow / np.median(item.row.seconds))
+        ratios[f"fom_best/{method.times}"] = float(slow / np.median(seconds[name])) if name in seconds else None
     if "condensed" in measured:
         times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
     errors = [float(history.time_error.max(initial=0.0)) for history in exact]
@@ -397,7 +399,7 @@ def advice_flowing(report: Report) -> Advice:
     """
     times = report["times"]
     models = report["models"]
-    kinds = {method.key: method for method in METHODS.values()}
+    kinds = {method.key: method for method in reversed(METHODS.values())}
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
     seconds = {key: times[kinds[key].times]["median"] for key in measured}
 

@@ -20,7 +20,7 @@ error on other paths is not estimated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import deviator
@@ -49,9 +49,6 @@ MOST_PARTS = 10_000
 SUDDEN = 1e-6
 """Part of a step in which the rate of a law at a given stress is computed from its flow."""
 
-Advance = Callable[[tuple[Answer, ...], Goal], list[Answer]]
-"""Solves from the end of a trail to a goal, in several parts if one does not converge."""
-
 
 class _Rated(NamedTuple):
     """A body whose law has rates."""
@@ -68,8 +65,7 @@ class TimeError:
     bodies: tuple[_Rated, ...]  # bodies with rates
     together: Points  # reductions over the points of all ranks
     error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
-    # 2 μ times the rate of plastic strain there, per second; None until it is known
-    rate: tuple[np.ndarray, ...] | None
+    rate: tuple[np.ndarray, ...] | None  # 2 μ times the rate of plastic strain, per second, if it is known
     largest: float = 0.0  # norm of the largest stress so far
     before: float = 0.0  # estimate when a history continued; it does not decay
     added: float = 0.0  # error added by the last step, relative to the largest stress
@@ -196,14 +192,7 @@ class Parted(NamedTuple):
     spent: int  # iterations of all attempts, discarded ones included
 
 
-def in_parts(
-    advance: Advance,
-    model: Equilibrium,
-    trail: tuple[Answer, ...],
-    goal: Goal,
-    error: TimeError,
-    tolerance: float,
-) -> Parted:
+def in_parts(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError, tolerance: float) -> Parted:
     """Solve a step of a path in parts, so that none adds more than the allowed error.
 
     A part may add tolerance times 1 - D, so that with the decay of the error the estimate stays below the tolerance. If
@@ -227,9 +216,9 @@ def in_parts(
         end = (1 + done) / 2 if end < 1 < end + 0.5 * length else end
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
         part = Goal(time, (1 - end) * start.parameter + end * goal.parameter)
-        found = advance(trail, part)
+        found = stepper.advance(trail, part)
         spent += sum(answer.iterations for answer in found)
-        after = error.through(model, trail[-1], found)
+        after = error.through(stepper.model, trail[-1], found)
         duration = end - done
         allowed = tolerance * max(1 - after.left, duration / STEPS)
         miss = after.added / allowed if len(found) == 1 else 1.0

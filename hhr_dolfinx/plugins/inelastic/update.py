@@ -48,8 +48,7 @@ class Group:
     indices: Annotated[Integers, "points"]  # numbers among the model's Gauss points, (n,)
     young: float | str  # Young's modulus E, or a formula of the parameters
     poisson: float  # Poisson's ratio
-    # law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body
-    law: Flow | None
+    law: Flow | None  # of plasticity or creep; its constants may be formulas of the parameters
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of the elastic constants and of the law."""

@@ -119,15 +119,15 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
     proofs = [None if kind is None else kind.levels(GRID.tolerance) for kind in kinds]
     proofs = [proof if proof is not None and proof[1] <= PROVED else None for proof in proofs]
     own = [GRID if proof is None else replace(GRID, compressed=False, least=proof[0]) for proof in proofs]
-    energetic = [EnergySolver(solver) for solver in solvers]
-    compliances, grids, modes = interpolated_compliances(problem, energetic, GRID, own, announce, "bound")
+    how = own, announce, "bound", with_energies
+    compliances, grids, modes = interpolated_compliances(problem, solvers, GRID, *how)
     energies = tuple(
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes
     )
     errors = [OF_ENERGY, *(_round_off(solver) for solver in solvers)]
     proved = problem.reshaped is None
-    for solver, part, energy, kind in zip(energetic, compliances.parts, energies, kinds, strict=True):
+    for solver, part, energy, kind in zip(solvers, compliances.parts, energies, kinds, strict=True):
         if not part.interpolant.axes.size:  # only an exact factor changes it
             continue
         seen = _seen(solver, part, energy)
@@ -207,12 +207,12 @@ def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
     return error if error <= PROVED else None
 
 
-def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
+def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random points, in the order of energies."""
-    space = solver.solver.problem.parameters
+    space = solver.problem.parameters
     worst = 0.0
     for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
-        exact = solver(point)
+        exact = with_energies(solver, point)
         along = part.interpolant.along_modes(point)
         scale = exact["schur"].diagonal().mean()
         schur = part.schur(along)
@@ -304,28 +304,17 @@ def _sizes(energies: np.ndarray) -> np.ndarray:
     return np.sqrt(own + NOISE * own.max(initial=0.0) + np.finfo(float).tiny)
 
 
-class EnergySolver:
-    """Solver for one component that returns its energies too."""
-
-    def __init__(self, solver: Solver):
-        self.component = solver.component
-        self.solver = solver
-
-    def release(self) -> None:
-        """See :class:`Solver`."""
-        self.solver.release()
-
-    def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
-        found = self.solver(point)
-        problem = self.solver.with_stiffness(point)
-        part = self.component.part
-        body = self.component.body
-        factor = part.factor_at(point)
-        loads = self.solver.acting(problem)
-        # load terms scale with the root of the compliance, lift terms with that of the stiffness
-        scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
-        work = scales[:, None] * self.solver.work(point) * scales
-        own = csc_matrix(problem.lifts[:, part.lifted])[body]
-        pulls = loads[:, part.forced.size :]
-        return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}
+def with_energies(solver: Solver, point: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays of a component at a point, (P,), with those of :class:`PartEnergy`."""
+    found = solver(point)
+    problem = solver.with_stiffness(point)
+    part = solver.component.part
+    body = solver.component.body
+    factor = part.factor_at(point)
+    loads = solver.acting(problem)
+    # load terms scale with the root of the compliance, lift terms with that of the stiffness
+    scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
+    work = scales[:, None] * solver.work(point) * scales
+    own = csc_matrix(problem.lifts[:, part.lifted])[body]
+    pulls = loads[:, part.forced.size :]
+    return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}

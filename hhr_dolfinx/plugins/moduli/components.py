@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
@@ -64,59 +64,6 @@ def components_of(problem: ContactProblem) -> list[Component]:
 def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     """Columns with entries on some dofs."""
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
-
-
-class Solves(Protocol):
-    """Computes arrays by name for one component at a point."""
-
-    component: Component
-
-    def __call__(self, point: np.ndarray) -> Mapping[str, np.ndarray]:
-        """Arrays at a point, (P,)."""
-
-    def release(self) -> None:
-        """Free large memory until the next query."""
-
-
-def interpolated_compliances(
-    problem: ContactProblem,
-    solvers: Sequence[Solves],
-    settings: GridSettings,
-    own: Sequence[GridSettings] = (),
-    announce: Announce = unannounced,
-    stage: str = "compliances",
-) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of further arrays.
-
-    ``settings`` apply to all parts, unless ``own`` has settings for each. Each solution is announced under the name of
-    a stage, as a share of the fewest that the grids of all parts need.
-    """
-    fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
-    done = count(1)
-
-    def counted(solver: Solves, point: np.ndarray) -> Mapping[str, np.ndarray]:
-        found = solver(point)
-        number = next(done)
-        announce(stage, number / max(fewest, number + 1))
-        return found
-
-    parts = []
-    grids = []
-    others = []
-    for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
-        part = solver.component.part
-        grid, modes = grown(partial(counted, solver), problem.parameters, part.axes, how, part)
-        solver.release()
-        parts.append(compliance_of(part, grid, modes, None))
-        grids.append(grid)
-        others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
-    reshaped = None
-    if problem.reshaped is not None:
-        shapes = problem.reshaped.axes
-        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings)
-        grids.append(grid)
-        reshaped = grid.interpolant
-    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
 
 
 class Solver:
@@ -307,6 +254,48 @@ class Solver:
             return shared
         how = slice(0, problem.free.size), name, full.block_ordering, full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
+
+
+def interpolated_compliances(
+    problem: ContactProblem,
+    solvers: Sequence[Solver],
+    settings: GridSettings,
+    own: Sequence[GridSettings] = (),
+    announce: Announce = unannounced,
+    stage: str = "compliances",
+    solve: Callable[[Solver, np.ndarray], Mapping[str, np.ndarray]] = Solver.__call__,
+) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
+    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of further arrays.
+
+    ``settings`` apply to all parts, unless ``own`` has settings for each. ``solve`` returns arrays by name at a point.
+    Each solution is announced under the name of a stage, as a share of the fewest that the grids of all parts need.
+    """
+    fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
+    done = count(1)
+
+    def counted(solver: Solver, point: np.ndarray) -> Mapping[str, np.ndarray]:
+        found = solve(solver, point)
+        number = next(done)
+        announce(stage, number / max(fewest, number + 1))
+        return found
+
+    parts = []
+    grids = []
+    others = []
+    for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
+        part = solver.component.part
+        grid, modes = grown(partial(counted, solver), problem.parameters, part.axes, how, part)
+        solver.release()
+        parts.append(compliance_of(part, grid, modes, None))
+        grids.append(grid)
+        others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
+    reshaped = None
+    if problem.reshaped is not None:
+        shapes = problem.reshaped.axes
+        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings)
+        grids.append(grid)
+        reshaped = grid.interpolant
+    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
 
 
 def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[Solver]:

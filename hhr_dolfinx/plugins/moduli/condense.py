@@ -39,8 +39,8 @@ from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
 from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE, linear_starts
 from hhr_dolfinx.sampling import Sobol
-from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import Announce, StageLog
+from hhr_dolfinx.snapshots.records import check_of_problem
+from hhr_dolfinx.timing import Announce
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -121,6 +121,74 @@ class _Prepared(NamedTuple):
     task: Task
     solvers: list[Solver]
 
+    def kept(self, called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Arrays of a stage, from the store of the solvers if an interrupted run left them there."""
+        store = next((solver.store for solver in self.solvers if solver.store is not None), None)
+        found = None if store is None else store.load(called)
+        if found is None:
+            found = compute()
+            if store is not None:
+                store.save(called, found)
+        return found
+
+    def compliances(self, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
+        """Compliances of all components, with a warning if a grid spent its budget."""
+        full = self.task.full
+        with self.task.log.stage("compliances", self.task.announce):
+            found = interpolated_compliances(full.problem, self.solvers, settings, announce=self.task.announce)
+        compliances, grids, _ = found
+        _warn_of_budget(full, grids, settings)
+        return compliances, grids
+
+    def starts(self, compliances: Compliances, settings: GridSettings) -> tuple[KnownStatuses, np.ndarray]:
+        """Starts of searches, and typical forces, (S, m); those of elastic bodies are kept for an interrupted run."""
+        full = self.task.full
+        announce = self.task.announce
+        problem = full.problem
+        room = int(np.log2(START_BYTES / (8 * problem.free.size)))
+        points = Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
+        if problem.law.remembers:
+            return _starts_along_paths(compliances, points, problem, announce)
+
+        def starts() -> dict[str, np.ndarray]:
+            known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
+            return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
+
+        known = LinearStarts(**self.kept(f"starts {settings} {len(points)}", starts))
+        return known, np.maximum(known.margins, 0.0)
+
+    def spanning(self, compliances: Compliances, points: np.ndarray, forces: np.ndarray, called: str) -> np.ndarray:
+        """Displacements that span the fields, (N, k): responses to forces, (S, m), of solved points; kept as called."""
+        given = compliances, self.solvers, points, forces, self.task.announce
+        return self.kept(called, lambda: {"0": _fields_along(*given)})["0"]
+
+    def bounded(self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool) -> InterpolatedFields:
+        """Fields with a bound; unchanged without one, with the reason in the log."""
+        full = self.task.full
+        announce = self.task.announce
+        if not wanted or full.problem.law.remembers:
+            return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
+        try:
+            with self.task.log.stage("bound", announce):
+                return replace(fields, bound=varying_bound(full, fields.basis, forces, self.solvers, announce))
+        except BoundError as error:
+            self.task.log.skip("bound", str(error))
+            found = replace(fields, unbounded=str(error))
+            warn_unbounded(found)
+            return found
+
+    def unbounded(self) -> bool:
+        """True if the errors of a model have no bound, whatever its fields."""
+        if self.task.full.problem.law.remembers:
+            return True
+        try:
+            with self.task.log.stage("bound", self.task.announce):
+                between(self.task.full, self.solvers, self.task.announce)
+        except BoundError as error:
+            self.task.log.skip("bound", str(error))
+            return True
+        return False
+
 
 @dataclass(frozen=True)
 class Condensation(Reductor[_Prepared]):
@@ -155,7 +223,22 @@ class Condensation(Reductor[_Prepared]):
 
     def check(self, task: Task) -> None:
         """Refuse other scenes than of elastic bodies whose stiffness varies."""
-        _check_given(task.full, task.snapshots)
+        full = task.full
+        problem: ContactProblem = full.problem
+        problem.require_parts("condensation")
+        if full.equilibrium is not None or not problem.varies:
+            raise ReductionError(
+                f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
+                "interpolated condensation is for elastic bodies that vary; take exact_condensation"
+            )
+        if problem.kernel is not None:
+            raise NotOfferedError(
+                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+                "interpolated condensation is not built in for these. Take "
+                + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
+            )
+        if task.snapshots is not None:
+            check_of_problem("snapshots", task.snapshots, problem)
 
     def prepare(self, task: Task, before: _Prepared | None = None) -> _Prepared:
         """Solvers of all components."""
@@ -164,26 +247,30 @@ class Condensation(Reductor[_Prepared]):
 
     def attempt(self, prepared: _Prepared, level: int) -> tuple[CondensedModel, CondensedFacts]:
         """The model."""
-        task, solvers = prepared
+        task = prepared.task
         full = task.full
-        log = task.log
-        announce = task.announce
         finer = self.settings is None if self.finer is None else self.finer
         settings = self.settings or DEFAULT_GRID
         problem: ContactProblem = full.problem
-        compliances, grids = _compliances(full, solvers, settings, log, announce)
-        with log.stage("starts", announce):
-            known, forces = _kept_starts(compliances, solvers, full, settings, announce)
-        fields = self.fields and not (self.spare and _unbounded(full, log, solvers, announce))
-        seen: list[np.ndarray] = []
-        with log.stage("fields", announce):
+        compliances, grids = prepared.compliances(settings)
+        with task.log.stage("starts", task.announce):
+            known, forces = prepared.starts(compliances, settings)
+        fields = self.fields and not (self.spare and prepared.unbounded())
+        with task.log.stage("fields", task.announce):
             if fields:
-                given = compliances, solvers, known, forces, task.snapshots
-                seen = _spanning(*given, announce, along=self.along, called=f"fields {settings}")
-            completed = _fields(full, seen, settings) if fields else _no_fields(full, settings)
+                seen = [] if problem.reshaped is None else _fields_seen(compliances, prepared.solvers, forces)
+                if task.snapshots is None:
+                    _warn_of_untouched(prepared.solvers)
+                if task.snapshots is None or self.along:
+                    seen.append(prepared.spanning(compliances, known.points, forces, f"fields {settings}"))
+                if task.snapshots is not None:
+                    seen.append(task.snapshots.displacements)
+                completed = _fields(full, seen, settings)
+            else:
+                completed = _no_fields(full, settings)
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
-            completed = _bounded(full, completed, forces, log, solvers, announce, wanted=self.bound)
+            completed = prepared.bounded(completed, forces, wanted=self.bound)
         answering = _finer(compliances, completed.bound) if finer else compliances
         parts = full.parameters, answering, known, completed, problem.contact_pairs
         model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
@@ -223,34 +310,6 @@ class Condensation(Reductor[_Prepared]):
                 tolerance /= 100
 
 
-def _kept(solvers: list[Solver], called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Arrays of a stage, from the store of the solvers if an interrupted run left them there."""
-    store = next((solver.store for solver in solvers if solver.store is not None), None)
-    found = None if store is None else store.load(called)
-    if found is None:
-        found = compute()
-        if store is not None:
-            store.save(called, found)
-    return found
-
-
-def _kept_starts(
-    compliances: Compliances, solvers: list[Solver], full: FullModel, settings: GridSettings, announce: Announce
-) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts of searches, and typical forces, (S, m); those of elastic bodies are kept for an interrupted run."""
-    problem = full.problem
-    points = _starts(problem)
-    if problem.law.remembers:
-        return _starts_along_paths(compliances, points, problem, announce)
-
-    def starts() -> dict[str, np.ndarray]:
-        known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
-        return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
-
-    known = LinearStarts(**_kept(solvers, f"starts {settings} {len(points)}", starts))
-    return known, np.maximum(known.margins, 0.0)
-
-
 def _starts_along_paths(
     eliminated: Compliances, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
@@ -283,12 +342,6 @@ def _starts_along_paths(
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
 
-def _starts(problem: ContactProblem) -> np.ndarray:
-    """Points with tabulated statuses, a power of two of them, (S, P)."""
-    room = int(np.log2(START_BYTES / (8 * problem.free.size)))
-    return Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
-
-
 def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSettings) -> None:
     """Warn of a grid that spent its budget before it converged."""
     worst = max((grid.surplus for grid in grids), default=0.0)
@@ -302,10 +355,8 @@ def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSetti
         )
 
 
-def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> None:
+def _warn_of_untouched(solvers: list[Solver]) -> None:
     """Warn of loaded bodies without any contact: without snapshots nothing spans their fields."""
-    if snapshots is not None:
-        return
     problem = solvers[0].problem
     touched = {solver.component.number for solver in solvers}
     loads = csr_matrix(problem.external)
@@ -321,7 +372,7 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
             "nothing can touch a body that loads or displacements move: contact forces are right, its displacement is "
             "not. Leave it out of the scene, train and condense, or ask the full model",
             SceneWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
 
 
@@ -363,52 +414,6 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
-def _compliances(
-    full: FullModel, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
-) -> tuple[Compliances, list[GrownGrid]]:
-    """Compliances of all components, with a warning if a grid spent its budget."""
-    with log.stage("compliances", announce):
-        found, grids = interpolated_compliances(full.problem, solvers, settings, announce=announce)[:2]
-    _warn_of_budget(full, grids, settings)
-    return found, grids
-
-
-def _unbounded(full: FullModel, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
-    """True if the errors of a model have no bound, whatever its fields."""
-    if full.problem.law.remembers:
-        return True
-    try:
-        with log.stage("bound", announce):
-            between(full, solvers, announce)
-    except BoundError as error:
-        log.skip("bound", str(error))
-        return True
-    return False
-
-
-def _bounded(
-    full: FullModel,
-    fields: InterpolatedFields,
-    forces: np.ndarray,
-    log: StageLog,
-    solvers: list[Solver],
-    announce: Announce,
-    *,
-    wanted: bool,
-) -> InterpolatedFields:
-    """Fields with a bound; unchanged without one, with the reason in the log."""
-    if not wanted or full.problem.law.remembers:
-        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
-    try:
-        with log.stage("bound", announce):
-            return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers, announce))
-    except BoundError as error:
-        log.skip("bound", str(error))
-        found = replace(fields, unbounded=str(error))
-        warn_unbounded(found)
-        return found
-
-
 def _finer(compliances: Compliances, bound: Any) -> Compliances:
     """Interpolation of the bound if its grids are as fine and small: it then has no other error."""
     if bound is None:
@@ -426,36 +431,6 @@ def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
-def _spanning(
-    compliances: Compliances,
-    solvers: list[Solver],
-    known: KnownStatuses,
-    forces: np.ndarray,
-    snapshots: SnapshotSet | None,
-    announce: Announce,
-    *,
-    along: bool,
-    called: str,
-) -> list[np.ndarray]:
-    """Displacements that span the fields, (N, k) each: snapshots, and responses to forces, (S, m), of solved points.
-
-    The responses are kept as ``called``, for a run that is interrupted.
-    """
-    _warn_of_untouched(snapshots, solvers)
-    seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
-    if snapshots is None or along:
-
-        def responses() -> dict[str, np.ndarray]:
-            found = _fields_along(compliances, solvers, known.points, forces, announce)
-            return {str(number): part for number, part in enumerate(found)}
-
-        kept = _kept(solvers, called, responses)
-        seen += [kept[str(number)] for number in range(len(kept))]
-    if snapshots is not None:
-        seen.append(snapshots.displacements)
-    return seen
-
-
 def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:
     """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not span them."""
     forces = forces.T
@@ -471,8 +446,8 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.nda
 
 def _fields_along(
     compliances: Compliances, solvers: list[Solver], points: np.ndarray, forces: np.ndarray, announce: Announce
-) -> list[np.ndarray]:
-    """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
+) -> np.ndarray:
+    """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k).
 
     The points are shared out among the nodes of a grid. Displacements by lifts have their own columns, as they do not
     depend on a factor of the stiffness. All components share columns: each has displacements on its dofs alone.
@@ -500,23 +475,4 @@ def _fields_along(
             done += 1
             announce("fields", done / sum(map(len, every)))
         solver.release()
-    return [fields]
-
-
-def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
-    """Raise ReductionError for a scene unsuitable for interpolated condensation, and for snapshots of another one."""
-    problem: ContactProblem = full.problem
-    problem.require_parts("condensation")
-    if full.equilibrium is not None or not problem.varies:
-        raise ReductionError(
-            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
-            "interpolated condensation is for elastic bodies that vary; take exact_condensation"
-        )
-    if problem.kernel is not None:
-        raise NotOfferedError(
-            f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
-            "interpolated condensation is not built in for these. Take "
-            + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
-        )
-    if snapshots is not None:
-        check_of_problem("snapshots", snapshots, problem)
+    return fields

@@ -69,8 +69,7 @@ class Part:
     """A connected component of a problem."""
 
     conditions: np.ndarray  # contact conditions that act on it, increasing
-    # forced, lifted: terms of θ whose loads or imposed displacements act on it
-    forced: np.ndarray
+    forced: np.ndarray  # terms of θ whose loads act on it; next those of imposed displacements
     lifted: np.ndarray
     factor: Scalar | None  # the modulus common to all of it; None without one
     axes: np.ndarray  # parameters on which the remaining dependence is

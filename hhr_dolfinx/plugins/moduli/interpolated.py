@@ -49,8 +49,7 @@ class PrimalModes:
 
     unknowns: Annotated[Integers, "unknowns"]  # indices of its unknowns, (n_c,)
     pushed: Annotated[Floats, "modes", "unknowns", "conditions"]  # modes of K^-1 B^T, (r, n_c, m_c)
-    # modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r)
-    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
+    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]  # of K^-1 F, then of K^-1 K lift
 
 
 class Factored(NamedTuple):
@@ -69,8 +68,7 @@ class Compliance:
     lifted: Annotated[Integers, "lifted", "< terms"]  # terms whose imposed displacements act on it, (T_L,)
     factor: Scalar | None  # modulus common to all of it; None without one, or for a constant one
     interpolant: Interpolant  # of S_c for the factor 1, (m_c^2, r) modes
-    # modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r)
-    columns: Annotated[Floats, "terms of it", "conditions", "modes"]
+    columns: Annotated[Floats, "terms of it", "conditions", "modes"]  # of B K^-1 F, then of B K^-1 K lift
     primal: PrimalModes | None = None  # modes of its unknown; None if fields are computed in another way
 
     @cached_property
@@ -409,9 +407,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     amplitudes: Amplitudes  # θ as a function of the parameters
     basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
     lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
-    # eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if the model
-    # has no fields
-    galerkin: BlockElimination | ReshapedElimination | None
+    galerkin: BlockElimination | ReshapedElimination | None  # eliminates the unknown of the basis; None without fields
     dimension: int  # components of the displacement at a node
     # stress of a displacement at a parameter; None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)

@@ -49,12 +49,10 @@ class Interpolant:
     """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``."""
 
     axes: Annotated[Integers, "axes", "< P"]  # indices of its d parameters in a point, (d,)
-    # lower, upper: their box, (d,)
-    lower: Annotated[Floats, "axes"]
+    lower: Annotated[Floats, "axes"]  # their box, (d,), as the next
     upper: Annotated[Floats, "axes"]
     levels: Annotated[Integers, "polynomials", "axes"]  # of each polynomial along each axis, (n, d)
-    # directions of the values, (M, r); products are fastest in Fortran order
-    modes: Annotated[Floats, "values", "rank"]
+    modes: Annotated[Floats, "values", "rank"]  # directions of the values; fastest in Fortran order
     weights: Annotated[Floats, "rank", "polynomials"]  # of the polynomials along them, (r, n)
 
     def __post_init__(self) -> None:
@@ -77,7 +75,7 @@ class Interpolant:
 
     def along_modes(self, point: np.ndarray) -> np.ndarray:
         """Components of the value along the modes, (r,)."""
-        return self.weights @ self._polynomials(point)
+        return self.weights @ self.polynomials(point)
 
     def many_along_modes(self, points: np.ndarray) -> np.ndarray:
         """Components along the modes at many points, (n, P): (n, r)."""
@@ -89,7 +87,7 @@ class Interpolant:
         if not self.axes.size:
             return np.zeros((len(self.weights), 0))
         sides = (self.upper - self.lower).tolist()
-        columns = [self.weights @ (self._polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
+        columns = [self.weights @ (self.polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
         return np.stack(columns, axis=1)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
@@ -101,7 +99,7 @@ class Interpolant:
         """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
         return self.lower + (np.array(leja_points())[self.levels] + 1) / 2 * (self.upper - self.lower)
 
-    def _polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
+    def polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
         """All polynomials at a point, (n,), or their derivatives along one of the axes."""
         product = np.ones(len(self.levels))
         scaled = 2 * (point[self.axes] - self.lower) / (self.upper - self.lower) - 1

@@ -46,9 +46,7 @@ class Share(NamedTuple):
 
     compliance: float  # 1 / E_c there
     along: np.ndarray  # components along the modes there, (r,)
-    # smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite if a mode
-    # is not zero elsewhere
-    extremes: np.ndarray
+    extremes: np.ndarray  # least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
 
     @classmethod
     def of(cls, part: Compliance, middle: np.ndarray) -> Share:

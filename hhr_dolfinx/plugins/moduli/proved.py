@@ -55,8 +55,7 @@ class PartStiffness:
     moduli: Sequence[Modulus]  # of its parts, one or two
     factor: Scalar | None  # common factor, which an interpolation leaves out; None without one
     axis: int  # index of the parameter
-    # lower, upper: its limits
-    lower: float
+    lower: float  # its limits, as the next
     upper: float
     middle: np.ndarray  # a point of the box, (P,), whose other parameters have no effect
     of_volume: bool  # the two parts are the changes of volume and of shape of one body

@@ -121,9 +121,7 @@ class ReshapedFunctionals(OverShapes):
     """
 
     items: tuple[Functional, ...]  # one for each output, in the middle of the box; without rows
-    # index of an output, name and shape of each interpolated array, in the order of the values; the shape of a
-    # number is empty
-    arrays: tuple[tuple[int, str, tuple[int, ...]], ...]
+    arrays: tuple[tuple[int, str, tuple[int, ...]], ...]  # output, name and shape of each; that of a number is ()
     interpolant: Interpolant  # of these arrays, concatenated
     zones: tuple[Zone | None, ...]  # of the outputs whose rows are strain; None for the others
     lifted: Annotated[Integers, "lifted", "< terms"]  # terms of θ that impose displacements, (l,)

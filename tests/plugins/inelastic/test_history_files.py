@@ -22,8 +22,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import files
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
-from hhr_dolfinx.plugins.inelastic import march
 from hhr_dolfinx.plugins.inelastic import store as store_of_gauss_points
+from hhr_dolfinx.plugins.inelastic.equilibrium import Stepper
 from hhr_dolfinx.plugins.inelastic.laws import Norton
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import _digest_of
@@ -51,13 +51,13 @@ def whole(full):
 @pytest.fixture
 def solved(monkeypatch):
     """Counts the steps that are solved."""
-    counts, advance = Counter(), march._advance
+    counts, advance = Counter(), Stepper.advance
 
     def counting(*arguments):
         counts["steps"] += 1
         return advance(*arguments)
 
-    monkeypatch.setattr(march, "_advance", counting)
+    monkeypatch.setattr(Stepper, "advance", counting)
     return counts
 
 
