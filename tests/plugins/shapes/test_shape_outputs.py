@@ -268,7 +268,7 @@ class OfOtherConditions(MeanPressure):
 
 def test_an_output_that_jumps_between_shapes_is_refused():
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
-    from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
+    from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 
     full = hhr.FullOrderModel(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)))
     basis = np.ones((full.problem.free.size, 1))
