@@ -231,7 +231,7 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
 
 
 def test_a_model_file_keeps_them(condensed, tmp_path):
-    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
+    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
     model = condensed["fit"]
     hhr.save_model(tmp_path / "model.npz", model)
