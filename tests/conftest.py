@@ -36,7 +36,9 @@ NEEDING = {
     "plugins/inelastic/test_force_correction.py": ("volume_loads",),
     "plugins/inelastic/test_indentation.py": ("mortar",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
-    "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
+    "plugins/pages/test_flow_pages.py": ("inelastic", "moduli", "volume_loads"),
+    "plugins/pages/test_page_threads.py": ("moduli",),
+    "plugins/shapes/test_shape_outputs.py": ("mortar", "volume_loads"),
 }
 """Files all of whose scenes need plug-ins, or are of scripts that import them."""
 collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]

@@ -10,13 +10,14 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from dolfinx import fem
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
-from hhr_dolfinx.plugins.shapes.cells import Middles
+from hhr_dolfinx.plugins.shapes.cells import Middles, MovingCells
 from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 from hhr_dolfinx.plugins.shapes.system import ReassembledSystem
@@ -107,6 +108,42 @@ class Reshaped:
         cell, place = np.divmod(first, len(places))
         return Middles(nodes.astype(np.int64), cells[cell[:, None], between[place]].astype(np.int64))
 
+    def moving_cells(self, cells: np.ndarray, mean_dilatation: bool) -> MovingCells:
+        """Cells, by their numbers, as arrays."""
+        discretisation = self._owner
+        mesh = discretisation.mesh
+        scene = discretisation.scene
+        kind = mesh.topology.cell_name()
+        space = discretisation.space
+        middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
+        points, weights = compat.quadrature(kind, discretisation.gauss_degree)
+        # displacement and geometry have the same shape functions, with the same middles
+        values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
+        nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
+        cells_here = cells_here.reshape(len(cells), -1).astype(np.int64)
+        geometry = compat.geometry_dofmap(mesh)[cells]
+        of_geometry = np.full(nodes.size, -1)
+        of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
+        moves = [np.isin(of_geometry, own) for own in self.nodes]
+        given = [(shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()]
+        selected = slice(1, None) if mean_dilatation else slice(1, 1)
+        return MovingCells(
+            shapes=tuple(shape for shape, _ in given),
+            moved=tuple(mask for _, mask in given),
+            coordinates=coordinate_names(scene.hypothesis),
+            parameters=scene.parameters.names,
+            middles=self.middles().among(nodes),
+            points=self.reference[of_geometry, : mesh.geometry.dim].copy(),
+            nodes=nodes.astype(np.int64),
+            cells=cells_here,
+            values=values[0],
+            slopes=slopes[0],
+            weights=weights if mean_dilatation else np.zeros(0),
+            gauss_values=values[selected],
+            gauss_slopes=slopes[selected],
+            axisymmetric=scene.hypothesis == "axisymmetric",
+        )
+
     @contextmanager
     def at(self, point: np.ndarray) -> Iterator[None]:
         """Context in which the mesh has the shape of a point."""
@@ -141,7 +178,7 @@ class Reshaped:
 
     def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
-        return FullShapeFunctionals(self._owner, self, problem)
+        return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
 
     def interpolated_outputs(
         self, prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings

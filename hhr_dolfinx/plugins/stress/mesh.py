@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -21,11 +21,10 @@ from hhr_dolfinx.plugins.stress.kinds import Energy, Mises
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import ModelProbe
-    from hhr_dolfinx.plugins.stress.outputs import ElasticEnergy, VonMises
+    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 
 
-def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: VonMises) -> np.ndarray:
+def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: Any) -> np.ndarray:
     """Numbers of the cells of a body within the box of an output."""
     try:
         inside = cells_of_body(discretisation, output.tag)
@@ -49,8 +48,8 @@ def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: Vo
     return np.flatnonzero(inside)
 
 
-def mises_of(probe: ModelProbe, output: VonMises) -> Functional:
-    """Von Mises' stress of the cells of an output."""
+def mises_of(probe: ModelProbe, output: Any) -> Functional:
+    """Stress of the cells of an output, a ``VonMises``."""
     discretisation = probe.discretisation
     laws = probe.laws
     cells = _cells_of(discretisation, probe.base, output)
@@ -144,7 +143,7 @@ def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> l
     return [np.concatenate(part) for part in zip(*discretisation.group.gathered(parts), strict=True)]
 
 
-def energy_of(probe: ModelProbe, output: ElasticEnergy) -> Functional:
+def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     """Elastic energy by the work of all forces."""
     discretisation = probe.discretisation
     problem = probe.problem

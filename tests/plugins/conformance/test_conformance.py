@@ -68,7 +68,7 @@ def test_laws_that_keep_the_contract_pass():
 
 def test_parts_of_another_distribution_pass(monkeypatch):
     """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "external_package"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "external_package"))
     parts = importlib.import_module("contact_toys.parts")
     suite.check_pairing(parts.Ramp(UPPER_SURFACE, 0.01))
     if present("inelastic"):

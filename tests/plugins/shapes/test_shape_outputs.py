@@ -215,7 +215,7 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
 
 
 def test_a_model_file_keeps_them(condensed, tmp_path):
-    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
+    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
     model = condensed["fit"]
     hhr.save_model(tmp_path / "model.npz", model)
@@ -252,7 +252,7 @@ class OfOtherConditions(MyOutput):
 
 def test_an_output_that_jumps_between_shapes_is_refused():
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
-    from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
+    from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 
     full = hhr.FullOrderModel(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)))
     basis = np.ones((full.problem.free.size, 1))
