@@ -251,25 +251,20 @@ def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
     gmsh.finalize()
 
 
-def cubes_of_dolfinx():
-    """Mesh, tags of cells, and tags of facets in one grid and in two."""
-    order = [0, 1, 3, 2, 4, 5, 7, 6]
-    mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
-    cells = tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))
-    of = {name: tags_of(mesh, 2, np.array([FACES[n] for n in own])[:, [0, 1, 3, 2]] - 1, np.array(own))
-          for name, own in (("facets", (11, 12, 13, 14)), ("supports", (11, 14)), ("contacts", (12, 13)))}  # fmt: skip
-    for name, tags in {"cells": cells, **of}.items():
-        tags.name = name
-    return mesh, cells, of
-
-
 def by_dolfinx(folder, *, split=False, ascii_=False):
-    mesh, cells, facets = cubes_of_dolfinx()
-    path = folder / "cubes.xdmf"
+    """Mesh, tags of cells, and tags of facets in one grid or in two."""
+    order, path = [0, 1, 3, 2, 4, 5, 7, 6], folder / "cubes.xdmf"
+    mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
+    tagged = {"cells": tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))}
+    parts = {"supports": (11, 14), "contacts": (12, 13)} if split else {"facets": (11, 12, 13, 14)}
+    for name, own in parts.items():
+        corners = np.array([FACES[n] for n in own])[:, [0, 1, 3, 2]] - 1
+        tagged[name] = tags_of(mesh, 2, corners, np.array(own))
     encoding = io.XDMFFile.Encoding.ASCII if ascii_ else io.XDMFFile.Encoding.HDF5
     with io.XDMFFile(MPI.COMM_SELF, str(path), "w", encoding=encoding) as file:
         file.write_mesh(mesh)
-        for tags in (cells, *((facets["supports"], facets["contacts"]) if split else (facets["facets"],))):
+        for name, tags in tagged.items():
+            tags.name = name
             file.write_meshtags(tags, mesh.geometry)
     return path
 

@@ -73,27 +73,16 @@ def room(name):
     return name.split(".")[1] if "." in name else "__init__"
 
 
-def layers_of_the_page():
-    """Folders and files of the package in the order of the architecture page."""
-    page = (ROOT / "docs/architecture.md").read_text().partition("## Layers")[2].partition("Other packages")[0]
-    return [name for line in re.findall(r"^\d+\. .*$", page, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)]
-
-
-LAYERS = layers_of_the_page()
-
-
-def packages_of_the_page():
-    """Packages of others on the architecture page, each with the rooms that may import it."""
-    page = (ROOT / "docs/architecture.md").read_text()
-    rows = re.findall(r"^\| ((?:`\w+` ?)+)\|([^|]*)\|$", page, re.MULTILINE)
-    return {
-        package: set(re.findall(r"`(\w+)`", allowed))
-        for packages, allowed in rows
-        for package in re.findall(r"`(\w+)`", packages)
-    }
-
-
-PACKAGES = packages_of_the_page()
+PAGE = (ROOT / "docs/architecture.md").read_text()
+BETWEEN = PAGE.partition("## Layers")[2].partition("Other packages")[0]
+LAYERS = re.findall(r"`(\w+)`", "\n".join(re.findall(r"^\d+\. .*$", BETWEEN, re.MULTILINE)))
+"""Folders and files of the package in the order of the page."""
+PACKAGES = {
+    package: set(re.findall(r"`(\w+)`", allowed))
+    for packages, allowed in re.findall(r"^\| ((?:`\w+` ?)+)\|([^|]*)\|$", PAGE, re.MULTILINE)
+    for package in re.findall(r"`(\w+)`", packages)
+}
+"""Packages of others on the page, each with the rooms that may import it."""
 
 
 def all_are_present():
