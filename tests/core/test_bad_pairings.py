@@ -136,10 +136,7 @@ def strips(pairing, cells, gap, thickness=0.02):
 @pytest.mark.parametrize("cells", [(20, 1), (20, 2), (6, 5, 1)])
 @pytest.mark.parametrize("gap", [0.01, -0.005])
 def test_back_sides_never_meet(pairing, cells, gap):
-    """The bottom of one thin strip and the top of the other look at each other through both: 0.05 or 0.035 deep.
-
-    Front sides that overlap still do. Without load strips apart carry none; 250 kN were seen.
-    """
+    """Strips that look at each other through both; front sides that overlap meet. Without load 250 kN were seen."""
     full_order = hhr.FullOrderModel(strips(pairing, cells, gap))
     assert full_order.problem.gaps[:, 0] == pytest.approx(gap, abs=1e-12)
     forces = full_order.solve(0.0).forces()
@@ -173,11 +170,7 @@ def test_a_way_through_the_own_body_is_none():
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
 @pytest.mark.parametrize("counts", [(12, 17), (20, 23)])
 def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
-    """Rings pressed together: the mean pressure is that of Lamé where nothing is said, and far off where it is.
-
-    Seen: off by 14 to 34 % at an interference of the sag, by 7 to 25 % at twice, by up to 5 % at ten times the sag.
-    The interference of ten sags is up to 2 % of the radius: that much is lost by a theory of small displacements.
-    """
+    """Off Lamé by 7 to 34 % at interferences of one and two sags, which is told; by up to 5 % at ten, which is not."""
     sag = (np.pi / 2 / counts[0]) ** 2 / 8
     for over, warned in ((1.0, True), (0.5, True), (0.1, False)):
         message = r"gap of surfaces 220 and 121 is .* on average.*off the curved .*finer"

@@ -186,8 +186,6 @@ def test_pairs_that_slide_refuse_it_by_name(wear):
 
 
 class Absent(my_contact_law.WearIncrements):
-    """Forgets contact forces in the displacement."""
-
     def answer(self, solved):
         answer = super().answer(solved)
         return answer._replace(unknown=solved.contact.unknown(0 * solved.found.forces))
@@ -225,8 +223,6 @@ def test_the_contract_names_what_is_wrong(variant, wrong, wear, monkeypatch):
 
 
 class Forgets(Reductor):
-    """A model of unilateral contact, whatever the law is."""
-
     def attempt(self, prepared, level):
         found = hhr.exact_condensation(prepared.full, prepared.snapshots.known_statuses())
         return CondensedModel(found.parameters, found.eliminated, found.known, found.fields, found.pairs), None

@@ -37,7 +37,6 @@ def test_the_first_demo_ends_without_a_warning_in_a_model_a_page_and_a_unit(tmp_
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
-    """Output folder of ``--quick``."""
     out = tmp_path_factory.mktemp("demo")
     run = python(ROOT / "benchmarks/thesis/hertz_half_discs.py", "--quick", "--out", out, cwd=out)
     (out / "printed").write_text(run.stdout)
@@ -81,7 +80,6 @@ def test_report(quick):
 
 
 def test_what_is_printed_to_a_file(quick):
-    """Every line is whole and says something."""
     lines = (quick / "printed").read_text().splitlines()
     report = json.loads((quick / "report.json").read_text())
     assert lines[0] == "snapshots: 31 to do" and all(line.strip() for line in lines)

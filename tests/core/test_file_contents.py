@@ -124,7 +124,6 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
 
 
 def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
-    """Without it the mesh would have a hole."""
     nodes, wedge = nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100), "3, 15, 16, 100, 11, 12, 101\n"
     path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
     with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
@@ -252,7 +251,6 @@ def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
 
 
 def by_dolfinx(folder, *, split=False, ascii_=False):
-    """Mesh, tags of cells, and tags of facets in one grid or in two."""
     order, path = [0, 1, 3, 2, 4, 5, 7, 6], folder / "cubes.xdmf"
     mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
     tagged = {"cells": tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))}
@@ -418,8 +416,7 @@ def pulled(path, dim):
 
 @pytest.mark.parametrize("kind", CELLS)
 def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, tmp_path):
-    """DOLFINx ended the process. Right is the answer of the mesh in which they are shared; of the bar of two bricks
-    p h / E = 5 * 2 / 1000."""
+    """As in the mesh in which they are shared; of the bar of two bricks p h / E = 5 * 2 / 1000."""
     dim = 2 if kind == "CPE6" else 3
     right = pulled(bar(tmp_path / "one.inp", kind, shared=True), dim)
     own = pulled(bar(tmp_path / "two.inp", kind, shared=False), dim)

@@ -26,7 +26,6 @@ SCRIPTS = [path for folder in ("demos", "benchmarks/thesis") for path in (ROOT /
 
 
 def modules():
-    """All modules of the package by their full names."""
     found = {}
     for folder, package in FOLDERS.items():
         for path in (ROOT / folder).rglob("*.py"):
@@ -64,12 +63,10 @@ def nodes(*kinds, paths=None):
 
 
 def imports(name):
-    """Modules of the package that a module imports, for type checking too."""
     return [target for target in all_imports(name, types=True) if target.split(".")[0] == "hhr_dolfinx"]
 
 
 def room(name):
-    """First part of a module's name behind the package."""
     return name.split(".")[1] if "." in name else "__init__"
 
 
@@ -277,7 +274,6 @@ def test_examples_in_docstrings(name):
 
 
 def test_values_are_assigned_one_by_one():
-    """But for swaps and what belongs together, such as the two columns of a matrix."""
     found = [
         (path.name, node.lineno)
         for path, node in nodes(ast.Assign)
@@ -287,7 +283,6 @@ def test_values_are_assigned_one_by_one():
 
 
 def test_models_do_not_ask_for_attributes():
-    """What fields and models may have is declared; ``hasattr`` and ``getattr`` by a fixed name say that it is not."""
     for path, node in nodes(ast.Call, paths=[path for name, path in MODULES.items() if room(name) == "models"]):
         called = getattr(node.func, "id", "")
         fixed = called == "getattr" and isinstance(node.args[1], ast.Constant)
@@ -295,7 +290,6 @@ def test_models_do_not_ask_for_attributes():
 
 
 def test_one_solve():
-    """Points, starts, ranges and failures are looked at in one place; the other one is the contract itself."""
     paths = [path for name, path in MODULES.items() if room(name) in ("models", "full_order", "baselines")]
     found = [
         node.name
@@ -393,6 +387,5 @@ def test_sizes_in_the_file_are_those_of_the_scenes():
 
 @pytest.mark.parametrize("page", [figures.README, *DOCS], ids=lambda page: page.stem)
 def test_no_page_quotes_what_no_longer_holds(page):
-    """Times of a full order that is gone, and what models with friction refused once."""
     stale = "69 ms|47 queries|0.33 ms|times the full order, 208|refused by local models|3700 tests"
     assert not re.search(stale, page.read_text())
