@@ -162,9 +162,6 @@ def test_what_is_not_proved_is_refused(hertz):
             exact_difference(full, np.zeros((full.problem.free.size, 1)))
 
 
-# ---------------------------------------------------------------- the way back to the full model
-
-
 @needs("fallback")
 def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_reduction):
     half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), hhr.Recipe().as_it_is())

@@ -140,9 +140,6 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert local.known_error == reduced.known_error
 
 
-# ---------------------------------------------------------------- where contact is lost
-
-
 def test_a_point_without_contact_is_not_infinitely_wrong():
     """No force is exact and predicted. An imposed motion moves a block rigidly: what cancels its lift has round-off."""
     full = hhr.FullOrderModel(pressed_block("plane_strain", cells=6))
@@ -159,9 +156,6 @@ def test_a_point_without_contact_is_not_infinitely_wrong():
         for item in safe:
             item.solve(push)
     assert not any(item.fallen for item in safe)
-
-
-# ---------------------------------------------------------------- which error a safe model keeps below its tolerance
 
 
 @needs("fallback")
@@ -202,9 +196,6 @@ def test_words_that_are_no_error(pellet, reduced, materials):
     training = hhr.train(scene, hhr.Sobol(16), held_out=0, comm=MPI.COMM_SELF)
     with pytest.raises(ParameterError, match="output 'peak': outputs have one only where the stiffness"):
         training.safe_model(of="peak", checked=False)
-
-
-# ---------------------------------------------------------------- one line of each model
 
 
 @needs("moduli")

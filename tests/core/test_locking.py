@@ -90,7 +90,7 @@ def pushed(full, depth, steps):
 
 @needs("inelastic")
 def test_a_punch_reaches_the_load_of_prandtl():
-    """(2 + π) σ0 / √3, and no more however deep, as where cells lock; the error is of first order, 4 and 2 %."""
+    """(2 + π) σ0 / √3 however deep, where the force of cells that lock grows; the error is of first order."""
     prandtl, plateaus = (2 + np.pi) / np.sqrt(3), []
     for per_unit in (8, 16):
         forces = [answer.forces().sum() for answer in pushed(hhr.FullOrderModel(punched(per_unit)), 0.1, 20).answers]
