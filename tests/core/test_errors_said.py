@@ -97,9 +97,11 @@ def test_many_estimates_are_those_of_each(reduced):
         for k, point in enumerate(points):
             assert known[k].outputs and dict(known[k].outputs) == dict(many[k].estimate().outputs)
             alone = reduced.solve(point, outside="ignore").estimate()
-            own, other = ([getattr(item, name) for name in NUMBERS] for item in (alone, known[k]))
-            # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
-            assert other == pytest.approx(own, rel=1e-5, abs=1e-9 * max(own))
+            least = 1e-9 * max(getattr(alone, name) for name in NUMBERS)
+            for name in NUMBERS:
+                # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
+                part = 1e-5 if name.startswith("primal") else 1e-6
+                assert getattr(known[k], name) == pytest.approx(getattr(alone, name), rel=part, abs=least), name
 
 
 def test_an_exact_model_has_no_error_of_an_output(pellet):
