@@ -22,6 +22,7 @@ from hhr_dolfinx.reduction.exact import exact_condensation
 
 FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
 CEILING = hhr.Obstacle(block.side(1, True), (0.0, 1.0), 1.0)
+UNDER_ALL = hhr.Obstacle(side(1, 1, False), (0, -1), 0.0)
 WALL = hhr.Obstacle(block.side(0, True), (1.0, 0.0), 1.1)
 pytestmark = pytest.mark.filterwarnings("ignore:.*no contact resists and no load drives")
 
@@ -37,10 +38,7 @@ def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
         geometry=lambda comm: two_blocks(comm, **boxes),
         hypothesis="plane_strain",
         bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 1000.0 * stiffer, 0.3)),
-        contacts=(
-            hhr.Obstacle(side(1, 1, False), (0, -1), 0.0),
-            hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),
-        ),
+        contacts=(UNDER_ALL, hhr.NodeToSurface(side(2, 1, False), side(1, 1, True))),
         displacements=(),
         loads=(hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
         parameters=space(p=(lowest, 1.0), q=(lowest, 1.0)),
@@ -153,7 +151,7 @@ def test_without_loads_nothing_touches():
     assert np.ptp(heated.displacement().reshape(-1, 2)[:, 0]) == pytest.approx(1e-3 * 1.3, rel=1e-9)
 
 
-MORTAR = (hhr.Obstacle(side(1, 1, False), (0, -1), 0.0), hhr.Mortar(side(2, 1, False), side(1, 1, True)))
+MORTAR = (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))
 
 
 @needs("local", "fallback")

@@ -8,7 +8,7 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, slope, space
 from test_pairings import concentric_arcs, shrink_fit
 from test_pairings_independent import chain, make
 
@@ -125,9 +125,9 @@ def strips(pairing, cells, gap, thickness=0.02):
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body(1, 1e5, 0.3), hhr.Body(2, 1e5, 0.3)),
         contacts=(pairing(2, 1),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+        parameters=space(p=(0.0, 1.0)),
         displacements=tuple(hhr.Displacement(tag, axis) for tag in ends for axis in range(dim)),
-        loads=(hhr.Pressure(1, hhr.Amplitude(slopes={"p": 1.0})),),
+        loads=(hhr.Pressure(1, slope("p")),),
     )
 
 
@@ -191,14 +191,12 @@ def rings(pairing, counts, interference):
         "first": ((0, 0.5), (np.pi / 2, 1.0), (counts[0], 6)),
         "second": ((0, 1.0 - interference), (np.pi / 2, 1.6), (counts[1], 6)),
     }
-    symmetry = tuple(
-        hhr.Displacement(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)
-    )
+    ends = [(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)]
     return dataclasses.replace(
         concentric_arcs(pairing, 8),
         geometry=lambda comm: two_blocks.two_blocks(comm, **shapes, warp=bend),
-        displacements=symmetry,
-        loads=(hhr.Pressure(two_blocks.side(2, 1, True), hhr.Amplitude(slopes={"p": 1e-9})),),
+        displacements=tuple(hhr.Displacement(*end) for end in ends),
+        loads=(hhr.Pressure(two_blocks.side(2, 1, True), slope("p", 1e-9)),),
     )
 
 

@@ -13,6 +13,7 @@ import pytest
 from dolfinx import io
 from mpi4py import MPI
 from needs import needs
+from scenes import slope, space
 from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
@@ -50,18 +51,15 @@ def written(path, text):
 
 def two_cubes(path, names=NUMBERS):
     lower, upper, floor, top, under, lid = names
+    held = *hhr.Displacement.clamp(floor, 3), *hhr.Displacement.clamp(lid, 2)
     return hhr.Scene(
         name="two_cubes",
         geometry=hhr.MeshFile(path),
         hypothesis="solid",
         bodies=tuple(hhr.Body(tag, 1e3, 0.0) for tag in (lower, upper) if tag is not None),
         contacts=(hhr.NodeToSurface(under, top),),
-        displacements=(
-            *hhr.Displacement.clamp(floor, 3),
-            *hhr.Displacement.clamp(lid, 2),
-            hhr.Displacement(lid, 2, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
+        displacements=(*held, hhr.Displacement(lid, 2, slope("down", -1.0))),
+        parameters=space(down=(0.0, 0.05)),
         outputs=(hhr.LargestPressure("pressure", contact=0),),
     )
 
@@ -271,10 +269,8 @@ def points_apart(folder):
     path = by_dolfinx(folder)
     text = path.read_text()
     geometry = re.search(r"<Geometry.*?</Geometry>", text, re.DOTALL)[0]
-    first = text.index("<Grid ")
-    text = (
-        text[:first] + f'<Grid Name="points" GridType="Uniform">{geometry}</Grid>' + text[text.index("</Grid>") + 7 :]
-    )
+    first, last = text.index("<Grid "), text.index("</Grid>")
+    text = text[:first] + f'<Grid Name="points" GridType="Uniform">{geometry}' + text[last:]
     pointer = "<xi:include xpointer=\"xpointer(/Xdmf/Domain/Grid[@Name='points']/Geometry)\" />"
     path.write_text(re.sub(r"<xi:include [^>]*/>", pointer, text))
     return path
@@ -404,12 +400,9 @@ def pulled(path, dim):
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
         contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
-        displacements=(
-            *(hhr.Displacement("FOOT", axis) for axis in range(dim)),
-            *hhr.Displacement.clamp("TOP", dim - 1)[: dim - 1],
-        ),
-        loads=(hhr.Traction("TOP", up, hhr.Amplitude(slopes={"pull": 1.0})),),
-        parameters=hhr.ParameterSpace(("pull",), (0.0,), (10.0,)),
+        displacements=(*hhr.Displacement.clamp("FOOT", dim), *hhr.Displacement.clamp("TOP", dim - 1)),
+        loads=(hhr.Traction("TOP", up, slope("pull")),),
+        parameters=space(pull=(0.0, 10.0)),
     )
     return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
 

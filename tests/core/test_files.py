@@ -73,9 +73,8 @@ WRITERS |= {"answers.csv": write_an_answer} if present("tables") else {}
 
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("number, remedy", [(errno.ENOSPC, "free some space"), (errno.EROFS, "you may write to")])
-def test_a_failed_write_leaves_the_old_file_and_says_what_to_do(
-    name, number, remedy, small_reduction, tmp_path, monkeypatch
-):
+def test_a_failed_write_leaves_the_old_file(name, number, remedy, small_reduction, tmp_path, monkeypatch):
+    """And says what to do."""
     (tmp_path / name).write_text("old")
     monkeypatch.setattr(os, "fsync", fails(number))
     with pytest.raises(FileError, match=rf"{name} cannot be written \({os.strerror(number)}\): .*{remedy}") as caught:

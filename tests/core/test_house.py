@@ -210,15 +210,12 @@ UNNEEDED = {
 OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes", "hhr_dolfinx.formulas"}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    name: [item for item in UNNEEDED[name] if item not in OF_FILES]
-    for name in UNNEEDED
-    if name not in ("flow", "meshes that do not match")
-} | {
-    "what only elastic scenes are compared with": [
-        *own("plugins", "studies.points baselines.naive"),
-        *own("reduction", "exact"),
-    ]
+    what: [name for name in names if name not in OF_FILES]
+    for what, names in UNNEEDED.items()
+    if what not in ("flow", "meshes that do not match")
 }
+ELASTIC_ALONE = [*own("plugins", "studies.points baselines.naive"), *own("reduction", "exact")]
+UNNEEDED_BY_FLOW["what only elastic scenes are compared with"] = ELASTIC_ALONE
 """What a study of a scene that flows does without."""
 
 ELASTIC = """
