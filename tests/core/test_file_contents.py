@@ -121,6 +121,16 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
     assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
 
 
+def test_sets_that_overlap_are_surfaces_and_bodies(tmp_path):
+    """A set of all elements, and one of nodes around everything, beside those that are used."""
+    around = "*NSET, NSET=AROUND\n" + "".join(f"{k},\n" for k in range(1, 17))
+    path = written(tmp_path / "blocks.inp", f"{DECK}*ELSET, ELSET=EVERY\nLOWER, UPPER\n{around}")
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    assert pressure(path, ("EVERY", None, *NAMES[2:])) == pytest.approx(10.0, rel=1e-9)
+    with pytest.raises(SceneError, match=r"bodies 'LOWER' and 'EVERY' have cells in common"):
+        pressure(path, ("LOWER", "EVERY", *NAMES[2:]))
+
+
 def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
     nodes, wedge = nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100), "3, 15, 16, 100, 11, 12, 101\n"
     path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
