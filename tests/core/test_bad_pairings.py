@@ -107,9 +107,9 @@ def strips(pairing, cells, gap, thickness=0.02):
     """Two strips above each other, held at their ends, with all of their long sides in one surface each."""
     up, dim = len(cells) - 1, len(cells)
     finer = (*(count + 3 for count in cells[:-1]), cells[-1])
-    bottoms = (0.0, thickness + gap)
-    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,), count)
-             for low, count in zip(bottoms, (cells, finer), strict=True)]  # fmt: skip
+
+    corners = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,)) for low in (0.0, thickness + gap)]
+    boxes = [(*pair, count) for pair, count in zip(corners, (cells, finer), strict=True)]
 
     def geometry(comm):
         mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
