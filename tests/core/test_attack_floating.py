@@ -178,20 +178,18 @@ def test_small_models_of_a_stack(how, tmp_path):
             assert off < 1e-9 * np.linalg.norm(exact.displacement())
 
 
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
     """Nodes of a ring beside those of its shaft: turned far, the facets would open every gap."""
 
-    def ring(comm):
-        def warp(points, body):
-            angle = 2 * np.pi * (points[:, 0] + (0.004 if body == 2 else 0.0))
-            return points[:, 1:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    def warp(points, body):
+        angle = 2 * np.pi * (points[:, 0] + (0.004 if body == 2 else 0.0))
+        return points[:, 1:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-        # three quarters of a turn: ends that nothing joins
-        return two_blocks(comm, first=((0, 0.5), (0.75, 1), (40, 4)), second=((0, 1), (0.75, 1.5), (40, 4)), warp=warp)
-
-    scene = dataclasses.replace(
-        stack(),
-        geometry=ring,
+    # three quarters of a turn: ends that nothing joins
+    rings = {"first": ((0, 0.5), (0.75, 1), (40, 4)), "second": ((0, 1), (0.75, 1.5), (40, 4))}
+    scene = stack(
+        geometry=lambda comm: two_blocks(comm, **rings, warp=warp),
         contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),),
         displacements=hhr.Displacement.clamp(side(1, 1, False), 2),
     )
