@@ -196,10 +196,7 @@ def test_a_far_obstacle_does_not_let_another_pair_penetrate():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_round_off_between_pairs_ends(seed):
-    """Degenerate conditions in coupled pairs, forces up to 1e12 apart: round-off neither cycles nor pulls.
-
-    Round-off of the strong pair reaches the weak one with 1e-15 of its size (measured); more is a force.
-    """
+    """Forces up to 1e12 apart: round-off of the strong pair reaches the weak one with 1e-15 of its size."""
     rng = np.random.default_rng(seed)
     m, pairs = 40, np.repeat([0, 1], 20)
     root = rng.normal(size=(m, 2 * m))

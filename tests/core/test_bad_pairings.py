@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from needs import MORTAR, needs
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, slope, space
 from test_pairings import concentric_arcs, shrink_fit
 from test_pairings_independent import chain, make
 
@@ -108,9 +108,9 @@ def strips(pairing, cells, gap, thickness=0.02):
     """Two strips above each other, held at their ends, with all of their long sides in one surface each."""
     up, dim = len(cells) - 1, len(cells)
     finer = (*(count + 3 for count in cells[:-1]), cells[-1])
-    bottoms = (0.0, thickness + gap)
-    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,), count)
-             for low, count in zip(bottoms, (cells, finer), strict=True)]  # fmt: skip
+
+    corners = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,)) for low in (0.0, thickness + gap)]
+    boxes = [(*pair, count) for pair, count in zip(corners, (cells, finer), strict=True)]
 
     def geometry(comm):
         mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
@@ -126,9 +126,9 @@ def strips(pairing, cells, gap, thickness=0.02):
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body(1, 1e5, 0.3), hhr.Body(2, 1e5, 0.3)),
         contacts=(pairing(2, 1),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+        parameters=space(p=(0.0, 1.0)),
         displacements=tuple(hhr.Displacement(tag, axis) for tag in ends for axis in range(dim)),
-        loads=(hhr.Pressure(1, hhr.Amplitude(slopes={"p": 1.0})),),
+        loads=(hhr.Pressure(1, slope("p")),),
     )
 
 
@@ -137,10 +137,7 @@ def strips(pairing, cells, gap, thickness=0.02):
 @pytest.mark.parametrize("cells", [(20, 1), (20, 2), (6, 5, 1)])
 @pytest.mark.parametrize("gap", [0.01, -0.005])
 def test_back_sides_never_meet(pairing, cells, gap):
-    """The bottom of one thin strip and the top of the other look at each other through both: 0.05 or 0.035 deep.
-
-    Front sides that overlap still do. Without load strips apart carry none; 250 kN were seen.
-    """
+    """Strips that look at each other through both; front sides that overlap meet. Without load 250 kN were seen."""
     full_order = hhr.FullOrderModel(strips(pairing, cells, gap))
     assert full_order.problem.gaps[:, 0] == pytest.approx(gap, abs=1e-12)
     forces = full_order.solve(0.0).forces()
@@ -175,11 +172,7 @@ def test_a_way_through_the_own_body_is_none():
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("counts", [(12, 17), (20, 23)])
 def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
-    """Rings pressed together: the mean pressure is that of Lamé where nothing is said, and far off where it is.
-
-    Seen: off by 14 to 34 % at an interference of the sag, by 7 to 25 % at twice, by up to 5 % at ten times the sag.
-    The interference of ten sags is up to 2 % of the radius: that much is lost by a theory of small displacements.
-    """
+    """Off Lamé by 7 to 34 % at interferences of one and two sags, which is told; by up to 5 % at ten, which is not."""
     sag = (np.pi / 2 / counts[0]) ** 2 / 8
     for over, warned in ((1.0, True), (0.5, True), (0.1, False)):
         message = r"gap of surfaces 220 and 121 is .* on average.*off the curved .*finer"
@@ -200,14 +193,12 @@ def rings(pairing, counts, interference):
         "first": ((0, 0.5), (np.pi / 2, 1.0), (counts[0], 6)),
         "second": ((0, 1.0 - interference), (np.pi / 2, 1.6), (counts[1], 6)),
     }
-    symmetry = tuple(
-        hhr.Displacement(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)
-    )
+    ends = [(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)]
     return dataclasses.replace(
         concentric_arcs(pairing, 8),
         geometry=lambda comm: two_blocks.two_blocks(comm, **shapes, warp=bend),
-        displacements=symmetry,
-        loads=(hhr.Pressure(two_blocks.side(2, 1, True), hhr.Amplitude(slopes={"p": 1e-9})),),
+        displacements=tuple(hhr.Displacement(*end) for end in ends),
+        loads=(hhr.Pressure(two_blocks.side(2, 1, True), slope("p", 1e-9)),),
     )
 
 

@@ -121,16 +121,22 @@ def page(full, path):
     check_model(hhr.condense(full))
 
 
+def fields(full, path):
+    hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1])
+
+
+def study(full, path):
+    hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path)
+
+
 REFUSING = [
     (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full), hhr.Recipe()), "not built in"),
-    pytest.param(lambda full, path: hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1]),
-                 "not built in", marks=needs("checks")),
+    pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
-    pytest.param(lambda full, path: hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path),
-                 "remember their path", marks=needs("studies")),
-]  # fmt: skip
+    pytest.param(study, "remember their path", marks=needs("studies")),
+]
 
 
 @pytest.mark.parametrize(("read", "why"), REFUSING)
@@ -186,8 +192,6 @@ def test_pairs_that_slide_refuse_it_by_name(wear):
 
 
 class Absent(my_contact_law.WearIncrements):
-    """Forgets contact forces in the displacement."""
-
     def answer(self, solved):
         answer = super().answer(solved)
         return answer._replace(unknown=solved.contact.unknown(0 * solved.found.forces))
@@ -226,8 +230,6 @@ def test_the_contract_names_what_is_wrong(variant, wrong, wear, monkeypatch):
 
 
 class Forgets(Reductor):
-    """A model of unilateral contact, whatever the law is."""
-
     def attempt(self, prepared, level):
         found = hhr.exact_condensation(prepared.full, prepared.snapshots.known_statuses())
         return CondensedModel(found.parameters, found.eliminated, found.known, found.fields, found.pairs), None

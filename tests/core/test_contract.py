@@ -128,7 +128,6 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
 @needs("fallback")
 @pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
 def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
-    """Whatever goes wrong in the reduced model, a model with the full one behind it answers."""
     reduced = contract.training("constant").build(contract.AS_IT_IS)
     safe = hhr.FallbackModel(reduced, contract.training("constant").full_order, 0.05)
     exact = safe.full.solve(contract.MIDDLE)
@@ -145,8 +144,6 @@ def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
 
 
 def test_a_subclass_may_have_its_own_solve():
-    """No method is swapped in behind its back."""
-
     class Counting(hhr.ReducedModel):
         asked = 0
 

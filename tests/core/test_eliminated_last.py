@@ -27,7 +27,6 @@ def stiffness():
 
 
 def factors(matrix, free, last, **how):
-    """By MUMPS, with some dofs eliminated last."""
     return sparse.FreeCholesky(matrix, free, slice(0, len(free)), "cube", "mumps", MPI.COMM_SELF, last=last, **how)
 
 

@@ -234,10 +234,7 @@ def test_deim_refuses_dependent_columns():
 
 
 def test_snapshots_are_scaled_in_the_norm_of_the_modes(hertz, hertz_snapshots):
-    """With ``relative`` a snapshot counts as 1 in that norm, so that the mean square of the modes' norms is 1 too.
-
-    The squared singular values of a POD sum to that of the scaled snapshots: all have the energy 1.
-    """
+    """With ``relative`` a snapshot counts as 1 in that norm: the scaled ones have the energy 1."""
     columns = hertz_snapshots.displacements[:, 1:]
     energies = np.sqrt(np.einsum("nk,nk->k", columns, hertz.problem.stiffness @ columns))
     scaled = hhr.Pod(1e-8, norm="energy").of_columns(hertz.problem, columns / energies)

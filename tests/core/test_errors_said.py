@@ -98,9 +98,11 @@ def test_many_estimates_are_those_of_each(reduced):
         for k, point in enumerate(points):
             assert known[k].outputs and dict(known[k].outputs) == dict(many[k].estimate().outputs)
             alone = reduced.solve(point, outside="ignore").estimate()
-            own, other = ([getattr(item, name) for name in NUMBERS] for item in (alone, known[k]))
-            # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
-            assert other == pytest.approx(own, rel=1e-5, abs=1e-9 * max(own))
+            least = 1e-9 * max(getattr(alone, name) for name in NUMBERS)
+            for name in NUMBERS:
+                # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
+                part = 1e-5 if name.startswith("primal") else 1e-6
+                assert getattr(known[k], name) == pytest.approx(getattr(alone, name), rel=part, abs=least), name
 
 
 def test_an_exact_model_has_no_error_of_an_output(pellet):
@@ -141,9 +143,6 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert local.known_error == reduced.known_error
 
 
-# ---------------------------------------------------------------- where contact is lost
-
-
 def test_a_point_without_contact_is_not_infinitely_wrong():
     """No force is exact and predicted. An imposed motion moves a block rigidly: what cancels its lift has round-off."""
     full = hhr.FullOrderModel(pressed_block("plane_strain", cells=6))
@@ -160,9 +159,6 @@ def test_a_point_without_contact_is_not_infinitely_wrong():
         for item in safe:
             item.solve(push)
     assert not any(item.fallen for item in safe)
-
-
-# ---------------------------------------------------------------- which error a safe model keeps below its tolerance
 
 
 @needs("fallback")
@@ -203,9 +199,6 @@ def test_words_that_are_no_error(pellet, reduced, materials):
     training = hhr.train(scene, hhr.Sobol(16), held_out=0, comm=MPI.COMM_SELF)
     with pytest.raises(ParameterError, match="output 'peak': outputs have one only where the stiffness"):
         training.safe_model(of="peak", checked=False)
-
-
-# ---------------------------------------------------------------- one line of each model
 
 
 @needs("moduli")

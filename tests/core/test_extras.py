@@ -18,7 +18,6 @@ MODULE = {"scikit-learn": "sklearn"}
 
 
 def packages(requirements):
-    """Names under which required packages are imported."""
     names = (re.match(r"[\w-]+", requirement)[0] for requirement in requirements)
     return {MODULE.get(name, name) for name in names}
 

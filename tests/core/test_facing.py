@@ -20,10 +20,7 @@ BULGE = 0.05
 
 
 def box(dim, count, low, *, bulge=0.0, wide=False, triangles=False):
-    """Nodes of a unit box from a height on, of cells of 1 / count, facets of its sides, and the depth of its bulge.
-
-    A bulge lets the lower side hang through in its middle. A wide box is three units wide.
-    """
+    """Nodes of a box, one unit or three wide, facets of its sides, and by how much the lower one hangs through."""
     long = np.linspace(-1.0, 2.0, 3 * count + 1) if wide else np.linspace(0.0, 1.0, count + 1)
     axes = [long] * (dim - 1) + [np.linspace(0.0, 1.0, count + 1)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
@@ -99,12 +96,7 @@ def closes(rows, points, count, within):
 @pytest.mark.parametrize(("dim", "triangles"), CELLS)
 @pytest.mark.parametrize("whole", [False, True])
 def test_each_pairing_finds_the_side_that_faces(name, dim, triangles, whole):
-    """One condition for each node of that side, its gap, and the area of that side alone, without a word.
-
-    Lengths are about 1, and errors those of round-off: 1e-12. Then a side that hangs through, over a body that is
-    wider, where that is no matter of matching nodes: gaps of nodes are exact, those along the normals of the convex
-    side longer by 2 % at most, and integrated ones lie between the least and the largest.
-    """
+    """A flat side to round-off; one that hangs through to the 2 % by which lengths along its normals differ."""
     pairing, body = kinds(dim)[name], {"whole": whole, "triangles": triangles}
     for count, gap in itertools.product((1, 3), GAPS):
         surfaces, points, gaps = pair(dim, count, gap, **body)
@@ -137,11 +129,7 @@ def circle(count):
 
 @pytest.mark.parametrize("name", [name for name in kinds(2) if name not in ("node to node", "double pass along n")])
 def test_a_whole_round_has_conditions_where_it_looks_at_the_other_body(name):
-    """The lower half; without a normal what is within 6 degrees of looking aside faces nothing.
-
-    A mortar without one looks along the normals of the round, which meet the line below within 57 degrees of upright.
-    Gaps of nodes are exact to round-off. What looks away is no mistake, and nothing is said of it.
-    """
+    """Its lower half, all but 6 degrees; a mortar along its own normals meets the line within 57 degrees of upright."""
     pairing = kinds(2)[name]
     if name == "obstacle":
         pairing = hhr.Obstacle(1, (0.0, -1.0), 1.3)
@@ -167,10 +155,7 @@ def test_a_surface_that_looks_away_is_refused():
 
 
 def pressed_squares(pairing, dim, *, whole, simplices=False):
-    """Two unit blocks .01 apart, of nu = 0 and E = 1000, pressed together by .03: pressure and force are 10.
-
-    Surfaces are the sides that face, or all sides but those that are held.
-    """
+    """Unit blocks .01 apart, E = 1000 and nu = 0, pressed together by .03: the pressure is 10."""
     up = dim - 1
     boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + 1.0,), (4, 4, 2)[-dim:]) for low in (0.0, 1.01)]
 

@@ -13,6 +13,7 @@ import pytest
 from dolfinx import io
 from mpi4py import MPI
 from needs import needs
+from scenes import slope, space
 from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
@@ -50,18 +51,15 @@ def written(path, text):
 
 def two_cubes(path, names=NUMBERS):
     lower, upper, floor, top, under, lid = names
+    held = *hhr.Displacement.clamp(floor, 3), *hhr.Displacement.clamp(lid, 2)
     return hhr.Scene(
         name="two_cubes",
         geometry=hhr.MeshFile(path),
         hypothesis="solid",
         bodies=tuple(hhr.Body(tag, 1e3, 0.0) for tag in (lower, upper) if tag is not None),
         contacts=(hhr.NodeToSurface(under, top),),
-        displacements=(
-            *hhr.Displacement.clamp(floor, 3),
-            *hhr.Displacement.clamp(lid, 2),
-            hhr.Displacement(lid, 2, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
+        displacements=(*held, hhr.Displacement(lid, 2, slope("down", -1.0))),
+        parameters=space(down=(0.0, 0.05)),
         outputs=(hhr.LargestPressure("pressure", contact=0),),
     )
 
@@ -123,8 +121,17 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
     assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
 
 
+def test_sets_that_overlap_are_surfaces_and_bodies(tmp_path):
+    """A set of all elements, and one of nodes around everything, beside those that are used."""
+    around = "*NSET, NSET=AROUND\n" + "".join(f"{k},\n" for k in range(1, 17))
+    path = written(tmp_path / "blocks.inp", f"{DECK}*ELSET, ELSET=EVERY\nLOWER, UPPER\n{around}")
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    assert pressure(path, ("EVERY", None, *NAMES[2:])) == pytest.approx(10.0, rel=1e-9)
+    with pytest.raises(SceneError, match=r"bodies 'LOWER' and 'EVERY' have cells in common"):
+        pressure(path, ("LOWER", "EVERY", *NAMES[2:]))
+
+
 def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
-    """Without it the mesh would have a hole."""
     nodes, wedge = nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100), "3, 15, 16, 100, 11, 12, 101\n"
     path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
     with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
@@ -251,25 +258,19 @@ def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
     gmsh.finalize()
 
 
-def cubes_of_dolfinx():
-    """Mesh, tags of cells, and tags of facets in one grid and in two."""
-    order = [0, 1, 3, 2, 4, 5, 7, 6]
-    mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
-    cells = tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))
-    of = {name: tags_of(mesh, 2, np.array([FACES[n] for n in own])[:, [0, 1, 3, 2]] - 1, np.array(own))
-          for name, own in (("facets", (11, 12, 13, 14)), ("supports", (11, 14)), ("contacts", (12, 13)))}  # fmt: skip
-    for name, tags in {"cells": cells, **of}.items():
-        tags.name = name
-    return mesh, cells, of
-
-
 def by_dolfinx(folder, *, split=False, ascii_=False):
-    mesh, cells, facets = cubes_of_dolfinx()
-    path = folder / "cubes.xdmf"
+    order, path = [0, 1, 3, 2, 4, 5, 7, 6], folder / "cubes.xdmf"
+    mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
+    tagged = {"cells": tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))}
+    parts = {"supports": (11, 14), "contacts": (12, 13)} if split else {"facets": (11, 12, 13, 14)}
+    for name, own in parts.items():
+        corners = np.array([FACES[n] for n in own])[:, [0, 1, 3, 2]] - 1
+        tagged[name] = tags_of(mesh, 2, corners, np.array(own))
     encoding = io.XDMFFile.Encoding.ASCII if ascii_ else io.XDMFFile.Encoding.HDF5
     with io.XDMFFile(MPI.COMM_SELF, str(path), "w", encoding=encoding) as file:
         file.write_mesh(mesh)
-        for tags in (cells, *((facets["supports"], facets["contacts"]) if split else (facets["facets"],))):
+        for name, tags in tagged.items():
+            tags.name = name
             file.write_meshtags(tags, mesh.geometry)
     return path
 
@@ -278,10 +279,8 @@ def points_apart(folder):
     path = by_dolfinx(folder)
     text = path.read_text()
     geometry = re.search(r"<Geometry.*?</Geometry>", text, re.DOTALL)[0]
-    first = text.index("<Grid ")
-    text = (
-        text[:first] + f'<Grid Name="points" GridType="Uniform">{geometry}</Grid>' + text[text.index("</Grid>") + 7 :]
-    )
+    first, last = text.index("<Grid "), text.index("</Grid>")
+    text = text[:first] + f'<Grid Name="points" GridType="Uniform">{geometry}' + text[last:]
     pointer = "<xi:include xpointer=\"xpointer(/Xdmf/Domain/Grid[@Name='points']/Geometry)\" />"
     path.write_text(re.sub(r"<xi:include [^>]*/>", pointer, text))
     return path
@@ -411,20 +410,16 @@ def pulled(path, dim):
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
         contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
-        displacements=(
-            *(hhr.Displacement("FOOT", axis) for axis in range(dim)),
-            *hhr.Displacement.clamp("TOP", dim - 1)[: dim - 1],
-        ),
-        loads=(hhr.Traction("TOP", up, hhr.Amplitude(slopes={"pull": 1.0})),),
-        parameters=hhr.ParameterSpace(("pull",), (0.0,), (10.0,)),
+        displacements=(*hhr.Displacement.clamp("FOOT", dim), *hhr.Displacement.clamp("TOP", dim - 1)),
+        loads=(hhr.Traction("TOP", up, slope("pull")),),
+        parameters=space(pull=(0.0, 10.0)),
     )
     return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
 
 
 @pytest.mark.parametrize("kind", CELLS)
 def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, tmp_path):
-    """DOLFINx ended the process. Right is the answer of the mesh in which they are shared; of the bar of two bricks
-    p h / E = 5 * 2 / 1000."""
+    """As in the mesh in which they are shared; of the bar of two bricks p h / E = 5 * 2 / 1000."""
     dim = 2 if kind == "CPE6" else 3
     right = pulled(bar(tmp_path / "one.inp", kind, shared=True), dim)
     own = pulled(bar(tmp_path / "two.inp", kind, shared=False), dim)

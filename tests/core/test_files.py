@@ -73,9 +73,8 @@ WRITERS |= {"answers.csv": write_an_answer} if present("tables") else {}
 
 @pytest.mark.parametrize("name", WRITERS)
 @pytest.mark.parametrize("number, remedy", [(errno.ENOSPC, "free some space"), (errno.EROFS, "you may write to")])
-def test_a_failed_write_leaves_the_old_file_and_says_what_to_do(
-    name, number, remedy, small_reduction, tmp_path, monkeypatch
-):
+def test_a_failed_write_leaves_the_old_file(name, number, remedy, small_reduction, tmp_path, monkeypatch):
+    """And says what to do."""
     (tmp_path / name).write_text("old")
     monkeypatch.setattr(os, "fsync", fails(number))
     with pytest.raises(FileError, match=rf"{name} cannot be written \({os.strerror(number)}\): .*{remedy}") as caught:
@@ -114,7 +113,6 @@ def test_a_file_in_the_place_of_a_folder(name, small_reduction, tmp_path):
 
 
 def test_the_error_travels_between_ranks():
-    """The ranks of a training send each other what went wrong."""
     error = pickle.loads(pickle.dumps(FileError("a.npz cannot be written")))
     assert isinstance(error, FileError) and str(error) == "a.npz cannot be written"
 
@@ -256,8 +254,6 @@ def test_a_signed_snapshot_of_other_content_is_not_taken(why, store, tmp_path):
 
 @pytest.fixture
 def at_most_ten_seconds():
-    """Ends what waits for ever with an error."""
-
     def end(*_):
         raise TimeoutError
 
@@ -392,7 +388,6 @@ def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypat
 
 @needs("tables")
 def test_many_points_as_arrays(small_reduction):
-    """What a sampling wants: numbers, and a reason where there are none."""
     space = small_reduction.parameters
     points = np.vstack([space.random(5, 3), [[np.nan, 3.0], [1e9, 3.0]]])
     found = hhr.answer_points(small_reduction, points, displacement=True)
@@ -537,7 +532,6 @@ def test_descriptors_are_left_for_others(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("place", [0.3, 0.6, 0.9, None])
 def test_damage_is_found_in_arrays_on_the_disk(place, tmp_path, monkeypatch):
-    """A byte that changed, or an end that is missing."""
     path = tmp_path / "a.npz"
     write_arrays(path, {"format": "a", "version": 1}, {"values": np.arange(1000.0)})
     monkeypatch.setattr(files, "MAPPED", 150)

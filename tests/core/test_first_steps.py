@@ -163,7 +163,6 @@ def set_up(folder):
 
 
 def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
-    """A set-up with a Python whose venvs hold a ``pip`` that is a shell script."""
     (folder / "scripts").mkdir()
     (folder / "pyproject.toml").write_text("")
     (folder / "scripts/setup.sh").write_text((ROOT / "scripts/setup.sh").read_text())
@@ -179,7 +178,6 @@ def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
 
 
 def test_set_up_says_what_it_does(tmp_path):
-    """Steps, sizes of what is loaded as it comes, time and size at the end: lines for a log."""
     pip = (
         "echo Collecting vtk; echo '  Downloading vtk-9.whl (112.3 MB)'; echo 'Downloading tiny-1.whl (11 kB)'; "
         "echo 'Installing collected packages: tiny, vtk'; exit 0"

@@ -80,10 +80,8 @@ def test_values_are_those_of_numpy_and_derivatives_those_of_differences(seed):
     scalar = Scalar(text, NAMES)
     functions = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "sqrt", "exp", "log", "abs")}
     assert scalar.value(point) == pytest.approx(float(eval(text, functions, dict(zip(NAMES, point, strict=True)))))
-    step = 1e-5
-    around = [
-        (scalar.value(point + step * axis) - scalar.value(point - step * axis)) / (2 * step) for axis in np.eye(3)
-    ]
+    steps = 1e-5 * np.eye(3)
+    around = [(scalar.value(point + step) - scalar.value(point - step)) / 2e-5 for step in steps]
     found = scalar.derivative(point)
     assert np.abs(found - around).max() < 1e-6 * (1 + np.abs(found).max() + abs(scalar.value(point)))
 
@@ -144,13 +142,7 @@ def test_nothing_of_a_text_is_executed():
         if watching and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
             seen.append(event)
 
-    texts = [
-        "__import__('os').system('true')",
-        "(lambda: x)()",
-        "[open(y) for y in x]",
-        "x.__init__",
-        "sqrt(x) + exp(y)",
-    ]
+    texts = ["__import__('os').system('true')", "(lambda: x)()", "[open(y) for y in x]", "x.__init__", "sqrt(x) + y"]
 
     def tried():
         for text in texts:

@@ -51,7 +51,6 @@ def head_on_flange(size, *, alike=False):
 
 
 def face_at(entity, height):
-    """The flat face of a body at a height."""
     for _, face in gmsh.model.getBoundary([(3, entity)], oriented=False):
         low, high = np.reshape(gmsh.model.getBoundingBox(2, face), (2, 3))[:, 2]
         if max(abs(low - height), abs(high - height)) < 1e-3:
@@ -83,13 +82,7 @@ FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
 def test_models_of_a_free_mesh(pairing, mesh):
-    """Build and condense; both have the forces of the full order at points that are in no training.
-
-    Coarse: 172 conditions, also of a double pass on fewer cells, whose rows nearly depend on each other; forces of
-    reduction were 5e-5 off at most on finer meshes, where some nodes lift. Fine: 400 to 1000 conditions, and a modulus
-    that varies: a node at the edge of contact was 1 % of the largest off. Condensation is exact where one body has one
-    factor: 1e-10 is round-off of the sums of conditions of large meshes.
-    """
+    """Condensation is exact; forces of reduction were 5e-5 off, and 1 % at the edge of contact where moduli vary."""
     if mesh == "fine":
         size, young, conditions, forces = 0.8, "E", (350, 1000), 0.05
     else:

@@ -116,11 +116,7 @@ def test_lame_tube_converges_with_and_without_the_wall():
 
 
 def test_hertz_line_contact():
-    """Peak pressure and half-width against Hertz (1882) for two discs of radius R = 1.
-
-    a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a), with R* = R / 2 and E* = E / (2 (1 - nu^2)). The half-width is
-    that of the elliptic pressure with the same second moment, sum(x^2 f) / P = a^2 / 4. Small load: a = 0.04 R.
-    """
+    """a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a) (Hertz, 1882); a by the second moment, sum(x^2 f) / P = a^2 / 4."""
     # contact begins at mu = 0.1, below the box of the demo's training
     scene = dataclasses.replace(demo.scene(arc_segments=240, pole_ratio=1.035), parameters=space(mu=(0.1, 0.15)))
     full_order = hhr.FullOrderModel(scene)
@@ -151,10 +147,7 @@ def test_sizes_of_the_thesis(hertz):
 
 @pytest.mark.parametrize(("length", "stress"), [(1e3, 1e-6), (1.0, 1e-6), (1.0, 1e12), (1e-9, 1.0)])
 def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
-    """m and Pa, mm and MPa, E times 1e-6 and 1e12, nanometres: full and reduced answers scale exactly.
-
-    Forces per unit depth scale with stress * length. 1e-9 relative: round-off times cond(K) ~ 1e5.
-    """
+    """Forces per unit depth scale with stress * length; 1e-9 relative: round-off times cond(K) ~ 1e5."""
     scene = demo.scene(radius=length, gap=0.1 * length)
     bodies = tuple(dataclasses.replace(body, young=body.young * stress) for body in scene.bodies)
     scene = dataclasses.replace(scene, bodies=bodies, parameters=space(mu=(0.15 * length, 0.45 * length)))

@@ -26,7 +26,6 @@ SCRIPTS = [path for folder in ("demos", "benchmarks/thesis") for path in (ROOT /
 
 
 def modules():
-    """All modules of the package by their full names."""
     found = {}
     for folder, package in FOLDERS.items():
         for path in (ROOT / folder).rglob("*.py"):
@@ -64,36 +63,23 @@ def nodes(*kinds, paths=None):
 
 
 def imports(name):
-    """Modules of the package that a module imports, for type checking too."""
     return [target for target in all_imports(name, types=True) if target.split(".")[0] == "hhr_dolfinx"]
 
 
 def room(name):
-    """First part of a module's name behind the package."""
     return name.split(".")[1] if "." in name else "__init__"
 
 
-def layers_of_the_page():
-    """Folders and files of the package in the order of the architecture page."""
-    page = (ROOT / "docs/architecture.md").read_text().partition("## Layers")[2].partition("Other packages")[0]
-    return [name for line in re.findall(r"^\d+\. .*$", page, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)]
-
-
-LAYERS = layers_of_the_page()
-
-
-def packages_of_the_page():
-    """Packages of others on the architecture page, each with the rooms that may import it."""
-    page = (ROOT / "docs/architecture.md").read_text()
-    rows = re.findall(r"^\| ((?:`\w+` ?)+)\|([^|]*)\|$", page, re.MULTILINE)
-    return {
-        package: set(re.findall(r"`(\w+)`", allowed))
-        for packages, allowed in rows
-        for package in re.findall(r"`(\w+)`", packages)
-    }
-
-
-PACKAGES = packages_of_the_page()
+PAGE = (ROOT / "docs/architecture.md").read_text()
+BETWEEN = PAGE.partition("## Layers")[2].partition("Other packages")[0]
+LAYERS = re.findall(r"`(\w+)`", "\n".join(re.findall(r"^\d+\. .*$", BETWEEN, re.MULTILINE)))
+"""Folders and files of the package in the order of the page."""
+PACKAGES = {
+    package: set(re.findall(r"`(\w+)`", allowed))
+    for packages, allowed in re.findall(r"^\| ((?:`\w+` ?)+)\|([^|]*)\|$", PAGE, re.MULTILINE)
+    for package in re.findall(r"`(\w+)`", packages)
+}
+"""Packages of others on the page, each with the rooms that may import it."""
 
 
 def all_are_present():
@@ -224,15 +210,17 @@ UNNEEDED = {
 OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes", "hhr_dolfinx.formulas"}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
-    name: [item for item in UNNEEDED[name] if item not in OF_FILES]
-    for name in UNNEEDED
-    if name not in ("flow", "meshes that do not match", "loads on bodies")
+    what: [name for name in names if name not in OF_FILES]
+    for what, names in UNNEEDED.items()
+    if what not in ("flow", "meshes that do not match", "loads on bodies")
 } | {
     "what only elastic scenes are compared with": [
         *own("plugins", "studies.points baselines.naive"),
         *own("reduction", "exact"),
     ]
 }
+ELASTIC_ALONE = [*own("plugins", "studies.points baselines.naive"), *own("reduction", "exact")]
+UNNEEDED_BY_FLOW["what only elastic scenes are compared with"] = ELASTIC_ALONE
 """What a study of a scene that flows does without."""
 
 ELASTIC = """
@@ -288,7 +276,6 @@ def test_examples_in_docstrings(name):
 
 
 def test_values_are_assigned_one_by_one():
-    """But for swaps and what belongs together, such as the two columns of a matrix."""
     found = [
         (path.name, node.lineno)
         for path, node in nodes(ast.Assign)
@@ -298,7 +285,6 @@ def test_values_are_assigned_one_by_one():
 
 
 def test_models_do_not_ask_for_attributes():
-    """What fields and models may have is declared; ``hasattr`` and ``getattr`` by a fixed name say that it is not."""
     for path, node in nodes(ast.Call, paths=[path for name, path in MODULES.items() if room(name) == "models"]):
         called = getattr(node.func, "id", "")
         fixed = called == "getattr" and isinstance(node.args[1], ast.Constant)
@@ -306,7 +292,6 @@ def test_models_do_not_ask_for_attributes():
 
 
 def test_one_solve():
-    """Points, starts, ranges and failures are looked at in one place; the other one is the contract itself."""
     paths = [path for name, path in MODULES.items() if room(name) in ("models", "full_order", "baselines")]
     found = [
         node.name
@@ -404,6 +389,5 @@ def test_sizes_in_the_file_are_those_of_the_scenes():
 
 @pytest.mark.parametrize("page", [figures.README, *DOCS], ids=lambda page: page.stem)
 def test_no_page_quotes_what_no_longer_holds(page):
-    """Times of a full order that is gone, and what models with friction refused once."""
     stale = "69 ms|47 queries|0.33 ms|times the full order, 208|refused by local models|3700 tests"
     assert not re.search(stale, page.read_text())

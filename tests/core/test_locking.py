@@ -39,11 +39,7 @@ def test_a_tube_bears_its_limit_load_and_no_more(poisson):
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 @pytest.mark.parametrize("exponent", [3.0, 5.0, 20.0])
 def test_a_tube_creeps_as_fast_as_norton_says(exponent, poisson):
-    """Steady creep in plane strain: u_r grows by C / r, and p = (m / √3) K (2 C / √3)^(1/m) (1 - 2^(-2/m)) for b = 2 a.
-
-    At a strain of 17 %, fifty times the elastic one. The error is that of the mesh, 0.34 % at m = 20; a locked tube
-    of 16 cells is too slow by 8 to 76 %.
-    """
+    """u_r grows by C / r, p = (m / √3) K (2 C / √3)^(1/m) (1 - 2^(-2/m)); a locked tube is 8 to 76 % too slow."""
     rate, resistance = 0.01, 2.0
     power = (2 * rate / np.sqrt(3)) ** (1 / exponent)
     pressure = exponent / np.sqrt(3) * resistance * power * (1 - 2 ** (-2 / exponent))
@@ -94,10 +90,7 @@ def pushed(full, depth, steps):
 
 @needs("inelastic")
 def test_a_punch_reaches_the_load_of_prandtl():
-    """(2 + π) σ0 / √3 = 2.968 σ0, and no more however deep; locked, the force grows for ever.
-
-    The cell beside the punch is pressed down with it, so that the error is of first order: 4 and 2 %.
-    """
+    """(2 + π) σ0 / √3 however deep, where the force of cells that lock grows; the error is of first order."""
     prandtl, plateaus = (2 + np.pi) / np.sqrt(3), []
     for per_unit in (8, 16):
         forces = [answer.forces().sum() for answer in pushed(hhr.FullOrderModel(punched(per_unit)), 0.1, 20).answers]
@@ -162,10 +155,7 @@ def test_a_nearly_incompressible_tube():
 @needs("inelastic")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
-    """The pressure is one for all Gauss points of a cell, and that of its middle; round-off times 5000.
-
-    On distorted cells: in the middle of a rectangle the dilatation is the mean one anyway, in axisymmetry too.
-    """
+    """One for all Gauss points of a cell, and that of its middle, on distorted cells; round-off times 5000."""
     full = in_time(with_bodies(distorted(dim), poisson=0.4999))
     # any field will do
     displacement = np.sin(3 * full.problem.points + 1).ravel()

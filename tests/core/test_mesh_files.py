@@ -99,37 +99,6 @@ def faces_of_cells():
     }
 
 
-def as_abaqus(path, *, nodes=False, quoted=False):
-    """The mesh as a deck by hand: elements by body in two blocks each, surfaces by faces or by nodes."""
-    lines = ["*Heading", "** a comment", "*Node, nset=all"]
-    lines += [f"{10 * k + 7}, {x:.16e}, {y:.16e}" for k, (x, y, _) in enumerate(MESH.points)]
-    number, faces = 0, faces_of_cells()
-    for block, name in zip(MESH.cells[-3:], BODIES, strict=True):
-        for part in np.array_split(block.data, 2):
-            lines.append(f"*Element, type=CPE3, elset={name}")
-            for cell in part.tolist():
-                number += 1
-                lines.append(", ".join(str(n) for n in (number, *(10 * k + 7 for k in cell))))
-    for name, tag in LINES.items():
-        sides = sides_of(tag)
-        word = f'"{name}"' if quoted else name
-        if nodes:
-            members = sorted({10 * k + 7 for side in sides for k in side})
-            lines.append(f"*NSET, NSET={word}")
-            lines += [", ".join(map(str, members[k : k + 16])) for k in range(0, len(members), 16)]
-        else:
-            lines.append(f"*Surface, name={word}, type=ELEMENT")
-            lines += [f"{n}, S{face}" for n, face in (faces[frozenset(side)] for side in sides)]
-    path.write_text("\n".join([*lines, "*Step", "*Static", "*End Step"]) + "\n")
-    return path
-
-
-@pytest.mark.parametrize("how", ["surfaces", "sets of nodes", "quoted names"])
-def test_a_deck_of_abaqus_gives_the_same_answer(how, tmp_path, exact):
-    path = as_abaqus(tmp_path / "mesh.inp", nodes=how == "sets of nodes", quoted=how == "quoted names")
-    answers_alike(path, exact)
-
-
 @needs("exporters")
 def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
     from hhr_dolfinx.plugins.exporters.deck import write_deck
@@ -270,19 +239,6 @@ def test_second_order_from_xdmf(tmp_path):
         file.write_meshtags(tags, curved.geometry)
     mesh, _, facets, *_ = hhr.MeshFile(tmp_path / "m.xdmf")(MPI.COMM_SELF)
     assert degree_of(mesh) == 2 and len(facets.indices) == 3
-
-
-def test_overlapping_sets_of_a_deck_are_surfaces_and_bodies(tmp_path, exact):
-    """A set of all elements, and one of nodes around everything, beside those that are used."""
-    path = as_abaqus(tmp_path / "mesh.inp", nodes=True)
-    text = path.read_text().replace("*Step", "*NSET, NSET=around\nall\n*ELSET, ELSET=plastic\nroller, stop\n*Step")
-    path.write_text(text)
-    answers_alike(path, exact)
-    scene = your_scene.scene(path)
-    both = dataclasses.replace(scene, bodies=(scene.bodies[0], dataclasses.replace(scene.bodies[1], tag="plastic")))
-    answers_alike(both, exact)
-    with pytest.raises(SceneError, match=r"bodies '(?:roller|stop)' and 'plastic' have cells in common"):
-        hhr.FullOrderModel(dataclasses.replace(scene, bodies=(*scene.bodies, hhr.Body("plastic", 1.0, 0.3))))
 
 
 TRIANGLE = "*Node\n1,0,0\n2,1,0\n3,0,1\n4,1,1\n*Element,type=CPE3,elset=a\n1,1,2,3\n"

@@ -336,10 +336,7 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
 @needs("inelastic", "mortar")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
-    """Where ranks fail in several ways what is no matter of smaller steps counts more: none tries again by itself.
-
-    A wrong slope is told of the worst point of all ranks, by the largest difference of all.
-    """
+    """Where ranks fail in several ways none tries again by itself; a wrong slope is told of the worst point of all."""
     brittle, torn, steep = (found[ranks][name] for name in ("brittle", "torn", "steep"))
     assert len(brittle) == len(torn) == len(steep) == ranks
     for text in brittle:
@@ -397,10 +394,7 @@ demo.main()
 
 
 def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
-    """Ranks share the training; the first one measures and reports, with the same errors.
-
-    Of the demo without what takes its time and does not depend on ranks: variants, pictures, most timed queries.
-    """
+    """Ranks share the training, the first one measures; without variants and pictures, which take long."""
     program = STUDY.format(folders=SCENE_FOLDERS)
     reports = []
     for ranks in (1, 2):
@@ -557,10 +551,7 @@ import json
 
 
 def test_every_rank_raises_what_it_can():
-    """The error itself where it happened; elsewhere one of this package's with rank and text.
-
-    One program for all: what is raised on every rank can be caught, and the ranks go on together.
-    """
+    """The error itself where it happened, elsewhere one with rank and text; the ranks go on together."""
     wrong = "dataclasses.replace(scene, displacements=(hhr.Displacement(99, 0), *scene.displacements))"
     flowing = "dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1.0)),))"
     careless = "dataclasses.replace(scene, geometry=lambda comm: scene.geometry(world))"

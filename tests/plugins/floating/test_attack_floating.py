@@ -22,6 +22,7 @@ from hhr_dolfinx.reduction.exact import exact_condensation
 
 FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
 CEILING = hhr.Obstacle(block.side(1, True), (0.0, 1.0), 1.0)
+UNDER_ALL = hhr.Obstacle(side(1, 1, False), (0, -1), 0.0)
 WALL = hhr.Obstacle(block.side(0, True), (1.0, 0.0), 1.1)
 pytestmark = pytest.mark.filterwarnings("ignore:.*no contact resists and no load drives")
 
@@ -37,10 +38,7 @@ def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
         geometry=lambda comm: two_blocks(comm, **boxes),
         hypothesis="plane_strain",
         bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 1000.0 * stiffer, 0.3)),
-        contacts=(
-            hhr.Obstacle(side(1, 1, False), (0, -1), 0.0),
-            hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),
-        ),
+        contacts=(UNDER_ALL, hhr.NodeToSurface(side(2, 1, False), side(1, 1, True))),
         displacements=(),
         loads=(hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
         parameters=space(p=(lowest, 1.0), q=(lowest, 1.0)),
@@ -178,20 +176,18 @@ def test_small_models_of_a_stack(how, tmp_path):
             assert off < 1e-9 * np.linalg.norm(exact.displacement())
 
 
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
     """Nodes of a ring beside those of its shaft: turned far, the facets would open every gap."""
 
-    def ring(comm):
-        def warp(points, body):
-            angle = 2 * np.pi * (points[:, 0] + (0.004 if body == 2 else 0.0))
-            return points[:, 1:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    def warp(points, body):
+        angle = 2 * np.pi * (points[:, 0] + (0.004 if body == 2 else 0.0))
+        return points[:, 1:] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-        # three quarters of a turn: ends that nothing joins
-        return two_blocks(comm, first=((0, 0.5), (0.75, 1), (40, 4)), second=((0, 1), (0.75, 1.5), (40, 4)), warp=warp)
-
-    scene = dataclasses.replace(
-        stack(),
-        geometry=ring,
+    # three quarters of a turn: ends that nothing joins
+    rings = {"first": ((0, 0.5), (0.75, 1), (40, 4)), "second": ((0, 1), (0.75, 1.5), (40, 4))}
+    scene = stack(
+        geometry=lambda comm: two_blocks(comm, **rings, warp=warp),
         contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),),
         displacements=hhr.Displacement.clamp(side(1, 1, False), 2),
     )

@@ -79,7 +79,6 @@ def test_what_nothing_drives_stays_at_rest():
 
 
 def test_a_hold_that_carries_nothing_changes_nothing():
-    """With its slide held by one node, where a flat pressure needs no force: the same forces."""
     free = hhr.FullOrderModel(scene(tilt=0.2), MPI.COMM_SELF)
     one = scene(tilt=0.2)
     held = dataclasses.replace(one, displacements=(*one.displacements, hhr.Displacement(side(UPPER, 0, True), 0)))
@@ -118,7 +117,7 @@ def test_gradients_are_those_of_differences(young):
     reduced = hhr.train(made, full.parameters.grid([4] * len(box)), comm=MPI.COMM_SELF).build()
     at = [5.0, 900.0][: len(box)]
     for model in (full, reduced):
-        assert slope_errors(model, at, step=1e-4).max() < 1e-5
+        assert slope_errors(model, at, step=1e-4).max() < 1e-6
 
 
 @pytest.mark.parametrize("young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))])
@@ -206,11 +205,7 @@ def ring_on_shaft(pairing):
 @pytest.mark.parametrize("pairing", [MORTAR, hhr.NodeToSurface])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
-    """The facets of both resist a turn next to nothing: free to turn, it would open every gap and lose its pressure.
-
-    With a pressure of 10 around it the ring passes on that of Lame, which is nearly the same since the shaft is clamped
-    close below: 9.7 of coarse meshes by mortar; node to surface is uneven where nodes do not face each other.
-    """
+    """Free to turn, it would open every gap between facets; of the pressure of 10 mortar passes 9.7 on."""
     with pytest.warns(SceneWarning, match="body ring .* turns, which .* no load drives: it is left at rest"):
         full = hhr.FullOrderModel(ring_on_shaft(pairing), MPI.COMM_SELF)
     assert full.problem.kernel.motions.shape[1] == 2 and full.problem.kernel.idle.shape[1] == 1
@@ -283,7 +278,6 @@ def test_a_motion_that_contact_leaves_open_is_named(walled, kind):
 
 @pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
 def test_a_motion_that_contact_holds_is_no_open_one(walled, kind):
-    """Pushed sideways the block leans on the right wall: nothing is left open, and all outputs are bounded."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", UndeterminedWarning)
         answer = walled[kind].solve((4.0, 0.0, 2.0))
