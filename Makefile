@@ -103,7 +103,7 @@ QUICK = active_set bad_input bad_meshes bad_pairings enrichment formulas forms f
   laws_of_bodies loads locking many mesh_files model_files peers reduced registry rows sampling stability timing trust
 QUICK_PLUGINS = checks/test_fields differences/test_bounds greedy/test_restriction inelastic/test_cubature \
   inelastic/test_history_files inelastic/test_laws local/test_subspaces moduli/test_interpolation \
-  paths/test_path_families studies/test_charts
+  paths/test_path_families studies/test_pictures
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
 quick: setup

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import MORTAR, needs, present
+from needs import needs, present
 from scenes import block_scene, slope, space
 from test_bounds import check, sizes_of
 from test_floating import scene
@@ -155,7 +155,7 @@ def test_without_loads_nothing_touches():
 @needs("local", "fallback")
 @pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
-    contacts = {"contacts": MORTAR} if how == "mortar" else {}
+    contacts = {"contacts": (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))} if how == "mortar" else {}
     made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)), **contacts)
     training = hhr.train(made, hhr.Sobol(32), comm=MPI.COMM_SELF)
     full = training.full_order
