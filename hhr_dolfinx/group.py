@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from hhr_dolfinx import registry
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from scipy.sparse import csr_matrix
+
+T = TypeVar("T")
 
 _LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS")
 """Environment variables that launchers set for their processes."""
@@ -53,7 +55,7 @@ class Group:
     def __init__(self, comm: Any = None):
         self.comm = comm
 
-    def gathered(self, value: Any) -> list[Any]:
+    def gathered(self, value: T) -> list[T]:
         """Value of each process, on all of them."""
         return [value]
 
@@ -65,11 +67,11 @@ class Group:
         """Rows of a matrix of all processes."""
         return rows
 
-    def total(self, value: Any) -> Any:
+    def total(self, value: T) -> T:
         """Sum over the processes."""
         return value
 
-    def from_first(self, value: Any) -> Any:
+    def from_first(self, value: T) -> T:
         """Value of the first process, on all of them; the others may give anything."""
         return value
 
@@ -81,7 +83,7 @@ class Group:
         """Run a collective block; if it fails on some processes only, the run is ended on all."""
         return nullcontext()
 
-    def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
+    def shared_out(self, count: int, work: Callable[[int], T], task: str) -> list[T]:
         """Distribute ``count`` tasks, and gather all results on every process."""
         return [work(number) for number in range(count)]
 
@@ -108,12 +110,14 @@ class Group:
 ALONE = Group()
 
 
-def group_of(comm: Comm) -> Group:
-    """The processes of a communicator.
+def group_of(comm: Comm | Group) -> Group:
+    """The processes of a communicator, or a group itself.
 
     Raises:
         NotOfferedError: for several of them, if no installed plug-in serves these.
     """
+    if isinstance(comm, Group):
+        return comm
     if comm.size == 1:
         return Group(comm)
     several: Group = registry.tool("group", f"work on {comm.size} ranks")(comm)

@@ -89,13 +89,13 @@ def _check(full: FullModel, given: Sequence[Any]) -> None:
     problem = full.problem
     points = np.concatenate([item.points for item in given])
     operators = full.strains.operators
-    spreads = np.array([spread for item in given for spread in _spreads(problem, operators, item)])
-    for kind, spread in zip(operators.kinds, spreads.T, strict=True):
-        worst = int(spread.argmax())
-        if spread[worst] <= LARGE:
+    sizes = np.array([size for item in given for size in _spreads(problem, operators, item)])
+    for kind, size in zip(operators.kinds, sizes.T, strict=True):
+        worst = int(size.argmax())
+        if size[worst] <= LARGE:
             continue
-        message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(spread[worst])}"
-        if spread[worst] > MOST:
+        message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
+        if size[worst] > MOST:
             raise ReductionError(message)
         warn(message, SmallStrainWarning, stacklevel=3)
 

@@ -296,11 +296,11 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
     no part of the box is farther from the training than training points are from each other.
     """
     counts = np.array([np.unique(column).size for column in points.T])
-    spread = np.ptp(points, axis=0)
-    kept = spread > 0
+    widths = np.ptp(points, axis=0)
+    kept = widths > 0
     if len(points) < 3 or not kept.any():
         return
-    scaled = (points[:, kept] - points[:, kept].min(axis=0)) / spread[kept] * (counts[kept] - 1)
+    scaled = (points[:, kept] - points[:, kept].min(axis=0)) / widths[kept] * (counts[kept] - 1)
     tree = cKDTree(scaled)
     apart = tree.query(scaled, k=2)[0][:, 1].max()
     anywhere = np.random.default_rng(0).uniform(0.0, counts[kept] - 1, (500, int(kept.sum())))

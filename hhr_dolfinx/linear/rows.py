@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.group import Group
+
+T = TypeVar("T")
 
 
 class Rows:
@@ -25,11 +27,11 @@ class Rows:
         self.own = own
         self.count = count
 
-    def sum(self, part: Any) -> Any:
+    def sum(self, part: T) -> T:
         """Sum over the processes of a number or an array of real numbers, of the same shape on each."""
         return part
 
-    def of(self, table: Any) -> Any:
+    def of(self, table: T) -> T:
         """Local rows of a table that has all rows."""
         return table
 
@@ -50,7 +52,7 @@ class Rows:
         place = int(values.argmax()) if values.size else 0
         return place, float(values[place])
 
-    def first(self, value: object) -> Any:
+    def first(self, value: T) -> T:
         """Small value of the first process, on all: others may have other last digits."""
         return value
 

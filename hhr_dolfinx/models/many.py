@@ -189,6 +189,6 @@ def _starts(known: KnownStatuses, schur: np.ndarray, points: np.ndarray, free_sl
     first = np.arange(0, len(points), APART)
     statuses = _starts(known, schur, points[first], free_slack[first])
     settled(schur, free_slack[first], statuses)
-    spread = np.ptp(points, axis=0)
-    spread[spread == 0] = 1.0
-    return statuses[cKDTree(points[first] / spread).query(points / spread)[1]]
+    widths = np.ptp(points, axis=0)
+    widths[widths == 0] = 1.0
+    return statuses[cKDTree(points[first] / widths).query(points / widths)[1]]

@@ -49,11 +49,11 @@ class KnownStatuses(Rebuilt):
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all candidates x.
 
-        The parameters, whose units differ, are scaled by their spread.
+        The parameters, whose units differ, are scaled by their widths.
         """
-        spread = np.ptp(self.points, axis=0)
-        spread[spread == 0] = 1.0
-        return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
+        widths = np.ptp(self.points, axis=0)
+        widths[widths == 0] = 1.0
+        return 0.5 * np.sum((self.points / widths) ** 2, axis=1), self.points / widths**2
 
     def nearest(self, point: np.ndarray) -> int:
         """Index of the nearest training parameter."""
@@ -90,7 +90,7 @@ class LinearStarts(KnownStatuses):
         """See :class:`KnownStatuses`; each parameter is scaled by its effect on the margins.
 
         On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active set. Scaling by the
-        spread takes 3.0, and starts without derivatives 5.
+        widths takes 3.0, and starts without derivatives 5.
         """
         sizes = np.sqrt(np.mean(self.margins**2, axis=0))
         sizes[sizes == 0] = 1.0

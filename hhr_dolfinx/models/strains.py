@@ -100,11 +100,11 @@ class StrainGuard:
         self._looked = size
         whole = answer.displacement()[:, None]
         for kind in self.operators.kinds:
-            spread = spread_strain(kind.sizes(whole)[:, 0])
-            if spread > self.limit:
-                self.limit = MOST if spread <= MOST else np.inf
+            size = spread_strain(kind.sizes(whole)[:, 0])
+            if size > self.limit:
+                self.limit = MOST if size <= MOST else np.inf
                 where = self._problem.parameters.described(answer.parameter)
-                warn(f"at {where}: {kind.in_words(spread)}", SmallStrainWarning, stacklevel=4)
+                warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning, stacklevel=4)
                 return
 
 

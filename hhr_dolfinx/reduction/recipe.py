@@ -418,20 +418,21 @@ def _plain(value: object) -> Any:
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """Basis of a step, which may be user-defined, in the form of the equations; the kernel of K comes first."""
+    rows = problem.spread
     if problem.kernel is not None:
-        snapshots = replace(snapshots, displacements=problem.kernel.without(problem.spread, snapshots.displacements))
+        snapshots = replace(snapshots, displacements=problem.kernel.without(rows, snapshots.displacements))
     basis = np.asarray(step.modes(problem, snapshots))
-    free = problem.spread.of(problem.free)
+    free = rows.of(problem.free)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
-    if problem.spread.sum(float(not shaped or not np.isfinite(basis).all())):
+    if rows.sum(float(not shaped or not np.isfinite(basis).all())):
         raise ReductionError(
             f"modes of {step!r} have the shape {basis.shape}: finite ones ({len(free)}, ell) are needed"
         )
-    if not problem.spread.alike(basis.shape[1]):
+    if not rows.alike(basis.shape[1]):
         raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
     check_basis(problem, basis, f"the basis of {step!r}")
     if problem.kernel is not None:
-        basis = problem.kernel.first(problem.spread, basis)
+        basis = problem.kernel.first(rows, basis)
     return np.where(free[:, None], basis, 0.0)  # without the round-off that the check allows
 
 

@@ -29,6 +29,7 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.group import Group
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -371,7 +372,7 @@ class _Solver:
 def spread_snapshots(
     full: FullModel,
     queries: Any,
-    comm: Comm,
+    comm: Comm | Group,
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,

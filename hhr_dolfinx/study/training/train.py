@@ -178,7 +178,7 @@ def train(
             # a number of points is chosen by forces, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
             given = group.from_first(given)
-            kept = _answered(full, given, group.comm, progress("held out"), store, march, "queries held out")
+            kept = _answered(full, given, group, progress("held out"), store, march, "queries held out")
     check_small_strains(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
@@ -210,32 +210,43 @@ def _full_model(scene: Scene, group: Group, together: bool | None, queries: obje
 
 
 def _answered(
-    full: FullOrderModel, given: Any, comm: MPI.Comm, progress: Any, store: Any, march: MarchSettings, what: str
+    full: FullOrderModel,
+    given: Any,
+    group: Group,
+    progress: Callable[[Iterable], Iterable],
+    store: SnapshotStore | None,
+    march: MarchSettings,
+    what: str,
 ) -> SnapshotSet:
     """Answers to queries; warns of those without one."""
     lost = Lost()
-    found = spread_snapshots(full, given, comm, progress, store, march, lost)
+    found = spread_snapshots(full, given, group, progress, store, march, lost)
     lost.warn(len(given), 1, what)
     return found
 
 
 def _solved(
-    full: FullOrderModel, queries: Any, group: Group, progress: Progress, store: Any, march: MarchSettings
-) -> tuple[SnapshotSet, Any]:
+    full: FullOrderModel,
+    queries: Any,
+    group: Group,
+    progress: Progress,
+    store: SnapshotStore | None,
+    march: MarchSettings,
+) -> tuple[SnapshotSet, Any]:  # fmt: skip
     """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
     choice = None
     if chooses_itself(queries):
 
         def solve(points: Any) -> SnapshotSet:
-            return spread_snapshots(full, points, group.comm, iter, store, march, lost)
+            return spread_snapshots(full, points, group, iter, store, march, lost)
 
         # ranks share candidates if each has a full model
         snapshots, choice = queries.grown(
             full, solve, MPI.COMM_SELF if full.group.size > 1 else group.comm, progress("greedy"), store
         )
     else:
-        snapshots = spread_snapshots(full, queries, group.comm, progress("snapshots"), store, march, lost)
+        snapshots = spread_snapshots(full, queries, group, progress("snapshots"), store, march, lost)
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
@@ -296,7 +307,7 @@ def train_part(
         mine = [given[k] for k in share(len(given), number - 1, parts)]
         counts.append(len(mine))
         if mine:
-            _answered(full, mine, comm, progress(label), store, march, f"queries of part {number} of {parts}")
+            _answered(full, mine, group, progress(label), store, march, f"queries of part {number} of {parts}")
     return PartSolved(counts[0], counts[1], group.total(store.found))
 
 
