@@ -15,9 +15,9 @@ from hhr_dolfinx.plugins.studies.queries import time_queries
 def imbalance(model: Any, full: hhr.FullOrderModel, point: np.ndarray) -> float:
     """Largest resultant of forces and loads along the motions that only contact holds, over that of the forces."""
     problem = full.problem
-    acting = (problem.contact @ problem.rigid).T
+    acting = (problem.contact @ problem.kernel.motions).T
     forces = model.solve(point).forces()
-    left = problem.rigid.T @ (problem.loads @ problem.amplitudes(point)) - acting @ forces
+    left = problem.kernel.motions.T @ (problem.loads @ problem.amplitudes(point)) - acting @ forces
     return float(np.abs(left).max() / (np.abs(acting) @ forces).max())
 
 
