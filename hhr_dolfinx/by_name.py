@@ -51,7 +51,7 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm "
         "LostContact",
     },
-    "samplings": {"sampling": "Sobol LatinHypercube Lattice"},
+    "samplings": {"sampling": "Sobol LatinHypercube"},
     "scenes": {},
 }
 """Names of the parts of the core, separated by blanks, by kind and by module below ``hhr_dolfinx``."""

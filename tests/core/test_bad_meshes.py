@@ -161,7 +161,7 @@ def test_a_mesh_on_another_communicator():
     own = dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF))
     message = r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
     with pytest.raises(SceneError, match=message):
-        build_geometry(own, SimpleNamespace(size=2))
+        build_geometry(own, SimpleNamespace(size=2, comm=MPI.COMM_SELF))
 
 
 def test_cells_that_are_good_are_not_refused():

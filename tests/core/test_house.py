@@ -185,18 +185,27 @@ UNNEEDED = {
         *own("plugins.inelastic", "condensed_step condensed_fields condensed_flow"),
         *own("full_order", "gauss_points"),
     ],
-    "meshes that do not match": [*own("pairings", "node_to_surface mortar segments projection"), "shapely"],
+    "meshes that do not match": [
+        *own("pairings", "node_to_surface projection"),
+        *own("plugins.mortar", "pairing segments"),
+        "shapely",
+    ],
     "clustering and peers": [
-        *own("plugins", "local.clusters theorems.theorems"),
-        *own("reduction", "subspaces"),
+        *own("plugins", "local.clusters local.subspaces theorems.theorems"),
         *("sklearn", "kmedoids"),
     ],
     "pictures": [*own("plugins.studies", "plots"), "matplotlib", "pyvista"],
-    "outputs": ["hhr_dolfinx.outputs", *own("full_order", "outputs"), *own("models.functionals", "functional kinds")],
+    "outputs": [
+        "hhr_dolfinx.outputs",
+        *own("full_order", "outputs"),
+        *own("models.functionals", "functional kinds"),
+        "hhr_dolfinx.plugins.stress.mesh",
+    ],
     "many parameters at once": own("models", "many"),
     "elasticity and shapes that depend on parameters": [
-        *("hhr_dolfinx.formulas", "hhr_dolfinx.shapes"),
-        *own("full_order", "varying reshaped"),
+        "hhr_dolfinx.formulas",
+        *own("full_order", "varying"),
+        *own("plugins.shapes", "shape reshaped"),
         *own("plugins.moduli", "shaped interpolated interpolation condense interpolate interpolate_reduced"),
         *own("models.eliminations", "block"),
         *own("reduction", "starts"),
@@ -205,9 +214,10 @@ UNNEEDED = {
     "samplings": ["hhr_dolfinx.sampling"],
     "greedy training": own("plugins.greedy", "greedy indicators"),
     "families of paths": own("plugins.paths", "path_families"),
+    "loads on bodies": own("plugins.volume_loads", "loads"),
 }
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
-OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.shapes", "hhr_dolfinx.formulas"}
+OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.formulas"}
 """What checks a file of condensed flow where it is written, and knows all that such files may hold."""
 UNNEEDED_BY_FLOW = {
     what: [name for name in names if name not in OF_FILES]

@@ -11,7 +11,9 @@ from test_mpi import run_program
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order import expected, full
-from hhr_dolfinx.study.training import train
+from hhr_dolfinx.group import group_of
+from hhr_dolfinx.plugins.ranks import sharing
+from hhr_dolfinx.plugins.ranks.group import Ranks
 
 
 class TwoRanks:
@@ -43,17 +45,17 @@ def test_ranks_have_a_model_each_where_there_is_room(monkeypatch):
     scene = pressed_block("solid", simplices=True)
     needed = expected.expected_in_space(hhr.FullOrderModel(scene, MPI.COMM_SELF).problem.contact).gigabytes
     for room, why in ((3.0 * needed, ""), (2.0 * needed, "2 full models of about")):
-        monkeypatch.setattr(train, "free_gigabytes", lambda room=room: room)
-        found = train.no_room_side_by_side(scene, TwoRanks())
+        monkeypatch.setattr(sharing, "free_gigabytes", lambda room=room: room)
+        found = Ranks(TwoRanks()).no_room_side_by_side(scene)
         assert found.startswith(why) and bool(found) == bool(why)
-    monkeypatch.setattr(train, "free_gigabytes", lambda: None)
-    assert train.no_room_side_by_side(scene, TwoRanks()) == ""
+    monkeypatch.setattr(sharing, "free_gigabytes", lambda: None)
+    assert Ranks(TwoRanks()).no_room_side_by_side(scene) == ""
 
 
 def test_one_rank_and_the_plane_are_not_looked_at(monkeypatch):
-    monkeypatch.setattr(train, "free_gigabytes", lambda: 0.0)
-    assert train.no_room_side_by_side(pressed_block("solid", simplices=True), MPI.COMM_SELF) == ""
-    assert train.no_room_side_by_side(pressed_block("plane_strain"), TwoRanks()) == ""
+    monkeypatch.setattr(sharing, "free_gigabytes", lambda: 0.0)
+    assert group_of(MPI.COMM_SELF).no_room_side_by_side(pressed_block("solid", simplices=True)) == ""
+    assert Ranks(TwoRanks()).no_room_side_by_side(pressed_block("plane_strain")) == ""
 
 
 def test_columns_and_schur_complements_are_reckoned_with(monkeypatch):

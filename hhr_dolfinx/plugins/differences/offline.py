@@ -77,6 +77,8 @@ def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray
     """
     problem = full.problem
     check_hypotheses(full, floating=True)
+    if problem.varies:
+        raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
     kernel: Any = problem.kernel

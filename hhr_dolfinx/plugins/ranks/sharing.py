@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from mpi4py import MPI
 
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space, free_gigabytes
+from hhr_dolfinx.group import Group
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.ranks.group import Ranks
 
 ROOM = 0.8
 """Part of the free memory that full models may take: answers and models need some too."""
 
 
-def no_room_side_by_side(scene: Scene, group: Ranks) -> str:
+def no_room_side_by_side(scene: Scene, group: Group) -> str:
     """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
 
     One rank of each machine generates the mesh, from which the memory in space is estimated. Problems with shape

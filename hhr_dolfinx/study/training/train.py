@@ -153,8 +153,7 @@ def train(
         seed: of random parameters.
         folder: keeps answers for later runs; None keeps nothing.
         comm: communicator over which the training is distributed.
-        march: settings of histories.
-        progress: for progress bars.
+        march, progress: settings of histories, and progress bars.
         together: whether one full model is distributed over the ranks, with its factors, answers and bases (unless
             :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build models together; None: by memory.
 

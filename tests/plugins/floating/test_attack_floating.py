@@ -214,7 +214,7 @@ def model(request, training):
 
 def balanced_sizes(full):
     """S norm of the part of exact forces that balances itself, in the place of that of all: see :func:`check`."""
-    along = np.linalg.qr(full.system.kernel.contact_of_motions)[0]
+    along = np.linalg.qr(full.problem.kernel.contact_of_motions)[0]
     return lambda field, forces: (
         sizes_of(full, field, forces) * [1, 0, 1, 1]
         + sizes_of(full, field, forces - along @ (along.T @ forces)) * [0, 1, 0, 0]

@@ -591,7 +591,7 @@ def test_the_coupling_bounds_what_friction_couples(directions):
     rng = np.random.default_rng(directions)
     for _ in range(300):
         friction, m = layout(rng.integers(1, 6), directions)
-        schur = definite(rng, m)
+        schur = definite(rng, m, m)
         coefficient = rng.random(friction.normal.size) + 0.1
         found = coupling(schur, friction, coefficient)
         for e in rng.normal(size=(20, m)):

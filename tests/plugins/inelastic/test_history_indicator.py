@@ -119,9 +119,10 @@ def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
 
 def test_it_has_no_unit_and_no_preferred_sign(small):
     reduced, answer = small
-    stress, misfit = answer.state().stress, reduced.fields.flow.misfit
-    assert misfit(-1e6 * stress) == pytest.approx(misfit(stress), rel=1e-6)
-    assert misfit(0.0 * stress) == 0.0
+    stress, unexplained = answer.state().stress, reduced.fields.flow.unexplained
+    left, size = unexplained(stress)
+    assert unexplained(-1e6 * stress) == pytest.approx((1e6 * left, 1e6 * size), rel=1e-6)
+    assert unexplained(0.0 * stress) == (0.0, 0.0)
 
 
 def test_without_modes_nothing_is_explained():
