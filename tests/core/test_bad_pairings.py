@@ -162,8 +162,7 @@ def test_a_way_through_the_own_body_is_none():
     sides = [chain(5, 5 * k) for k in range(5)]
     slave = np.vstack(sides[:4])
     inner = points[slave].mean(axis=1) + np.repeat([[0, 0.1], [0, -0.1]] * 2, 4, axis=0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", PairingWarning)  # nothing lies beyond an edge
+    with warnings.catch_warnings(action="error", category=PairingWarning):  # nothing lies beyond an edge
         master = make(2, points, sides[4], points[sides[4]].mean(axis=1) + np.array([0, 0.1]))
         found = hhr.Mortar(2, 1).rows((make(1, points, slave, inner), master), points.size)
     assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5

@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 from argparse import Namespace
+from unittest.mock import Mock
 
 import hertz_half_discs as demo
 import numpy as np
@@ -20,11 +21,7 @@ from hhr_dolfinx.study.training.train import train
 
 def unbuilt():
     """The scene of the demo, whose mesh must not be asked for."""
-
-    def geometry(comm):
-        raise AssertionError("the full model was built")
-
-    return dataclasses.replace(demo.scene(), geometry=geometry)
+    return dataclasses.replace(demo.scene(), geometry=Mock(side_effect=AssertionError("the full model was built")))
 
 
 @pytest.mark.parametrize(
@@ -187,8 +184,7 @@ def test_a_study_leaves_out_tests_without_an_answer(yielding, tmp_path):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [0.7]]))
     tests = dict(zip("ab", family(yielding).paths(np.array([[0.5], [1.7]])), strict=True))
     settings = hhr.StudySettings(paths, tests=tests, held_out=[], repetitions=1)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         study = hhr.study_scene(yielding, settings, tmp_path)
     assert any("1 of 2 test paths have no answer" in str(item.message) for item in caught)
     assert [row["value"] for row in study.report["histories"]] == ["a"]

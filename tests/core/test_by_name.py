@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -267,9 +268,7 @@ class Entries(list):
 
 
 def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkeypatch):
-    def leave():
-        raise SystemExit(3)
-
+    leave = Mock(side_effect=SystemExit(3))
     given = ("Twice", "a:X", int), ("Twice", "b:X", float), ("Same", "a:Y", dict), ("Same", "a:Y", dict)
     given = *given, ("Leaves", "a:Z", leave), ("Mortar", "a:M", list)
     points = Entries(SimpleNamespace(name=name, value=value, load=load, dist=None) for name, value, load in given)

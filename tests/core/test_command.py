@@ -10,6 +10,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from unittest.mock import Mock
 
 import contract
 import numpy as np
@@ -492,10 +493,7 @@ def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):
 
 
 def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
-    def fails(*_):
-        raise RuntimeError("a fault")
-
-    monkeypatch.setattr("hhr_dolfinx.command.loading.scene_of", fails)
+    monkeypatch.setattr("hhr_dolfinx.command.loading.scene_of", Mock(side_effect=RuntimeError("a fault")))
     found = CliRunner().invoke(command, ["solve", DEMO, *AT])
     assert isinstance(found.exception, RuntimeError) and found.exit_code == 1
 

@@ -288,8 +288,7 @@ def points_apart(folder):
 
 def compressed(folder):
     path = by_dolfinx(folder)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         old = netcdf4("a test").Dataset(path.with_suffix(".h5"))
         with old, netcdf4("a test").Dataset(folder / "gz.h5", "w") as new:
             old.set_auto_mask(False)

@@ -14,6 +14,7 @@ import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pellet_cladding as demo
@@ -47,10 +48,7 @@ def small_reduction(small):
 
 
 def fails(number):
-    def fail(*_):
-        raise OSError(number, os.strerror(number))
-
-    return fail
+    return Mock(side_effect=OSError(number, os.strerror(number)))
 
 
 def write_a_report(folder, reduction):
@@ -254,10 +252,7 @@ def test_a_signed_snapshot_of_other_content_is_not_taken(why, store, tmp_path):
 
 @pytest.fixture
 def at_most_ten_seconds():
-    def end(*_):
-        raise TimeoutError
-
-    before = signal.signal(signal.SIGALRM, end)
+    before = signal.signal(signal.SIGALRM, Mock(side_effect=TimeoutError))
     signal.alarm(10)
     yield
     signal.alarm(0)

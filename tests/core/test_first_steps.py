@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from bare import WAIT, python
@@ -94,11 +95,9 @@ def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
     """The system's refusal is played, for nothing is refused to root; whose the folder is, is true."""
     from parts import cli
 
-    def refuse(*args, **kwargs):
-        raise PermissionError(13, "Permission denied")
-
     out = tmp_path / "mounted" / "out"
     out.mkdir(parents=True)
+    refuse = Mock(side_effect=PermissionError(13, "Permission denied"))
     monkeypatch.setattr(cli.tempfile, "NamedTemporaryFile", refuse)
     monkeypatch.setattr(sys, "argv", ["talk", "--out", str(out)])
     with pytest.raises(SystemExit) as end:

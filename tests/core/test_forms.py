@@ -1,5 +1,7 @@
 """The physics as UFL states it, held to the numbers that the package runs; numbers of materials compile nothing."""
 
+from unittest.mock import Mock
+
 import ffcx.codegeneration.jit
 import numpy as np
 import pytest
@@ -97,9 +99,7 @@ def test_unknown_hypothesis():
 def none_compiled(monkeypatch):
     """Raise where a form is compiled that is in no cache."""
 
-    def forbidden(*args, **others):
-        raise AssertionError("a form was compiled")
-
+    forbidden = Mock(side_effect=AssertionError("a form was compiled"))
     return lambda: monkeypatch.setattr(ffcx.codegeneration.jit, "_compile_objects", forbidden)
 
 

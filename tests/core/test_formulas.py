@@ -121,8 +121,7 @@ NO_FORMULAS = [
 
 @pytest.mark.parametrize("text", NO_FORMULAS, ids=lambda text: text[:30])
 def test_what_is_no_formula_is_refused_in_words(text):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SyntaxWarning)  # Python's own, of texts such as 2x
+    with warnings.catch_warnings(action="ignore", category=SyntaxWarning):  # Python's own, of texts such as 2x
         with pytest.raises(SceneError) as caught:
             Scalar(text, NAMES)
     assert len(str(caught.value)) < 400
@@ -162,8 +161,7 @@ def test_nothing_of_a_text_is_executed():
     ["(-8)**0.5", "x * (-8)**0.5", "x + (-8)**0.5", "y**0.5", "sqrt(y)", "log(y)", "1/0", "x/(y - y)", "10**400"],
 )
 def test_where_it_has_no_value_it_says_nan_or_infinity_and_nothing_else(text):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         assert not math.isfinite(Scalar(text, NAMES).value(AT))
         # of Python's own numbers too, which make a complex one of a root
         assert not np.isfinite(Formula(text)(POINT)) and not np.iscomplexobj(Formula(text)(POINT))

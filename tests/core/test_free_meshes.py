@@ -1,6 +1,7 @@
 """Models on free meshes in space, whose rows have close eigenvalues; gmsh, which is one for the whole process."""
 
 from pathlib import Path
+from unittest.mock import Mock
 
 import gmsh
 import numpy as np
@@ -185,11 +186,7 @@ def test_a_session_that_meshes_nothing_is_refused(name, session, monkeypatch):
 
 def test_a_mesh_that_fails_leaves_the_session(session, monkeypatch):
     before = gmsh.model.list()
-
-    def failing(dim):
-        raise RuntimeError("no mesh")
-
-    monkeypatch.setattr(gmsh.model.mesh, "generate", failing)
+    monkeypatch.setattr(gmsh.model.mesh, "generate", Mock(side_effect=RuntimeError("no mesh")))
     with pytest.raises(RuntimeError, match="no mesh"):
         GEOMETRIES["half_discs"]()
     assert gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"

@@ -101,8 +101,7 @@ def test_a_parameter_of_an_amplitude_that_is_not_affine_is_not_idle():
     idle = dataclasses.replace(scene, parameters=space(idle=(0.0, 1.0), speed=(0.0, 2.0)))
     with pytest.warns(SceneWarning, match=r"parameters \('idle',\) of scene"):
         hhr.FullOrderModel(idle)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         hhr.FullOrderModel(scene)
 
 

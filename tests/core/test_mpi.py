@@ -230,8 +230,7 @@ for name, law in (("torn", Torn(60.0, 100.0)), ("steep", Steep(100.0, 2000.0))):
     block = dataclasses.replace(brittle.scene.bodies[1], law=law)
     others[name] = hhr.FullOrderModel(dataclasses.replace(brittle.scene, bodies=(brittle.scene.bodies[0], block)))
 out["torn"] = comm.allgather(said(lambda: others["torn"].march(path)))
-with warnings.catch_warnings(record=True) as caught:
-    warnings.simplefilter("always")
+with warnings.catch_warnings(record=True, action="always") as caught:
     others["steep"].march(path)
 told = [str(item.message) for item in caught if item.category is LawWarning]
 out["steep"] = comm.allgather(told)

@@ -223,8 +223,7 @@ def read_model(path):
         return None
     space = model.parameters
     points = [np.array(space.lower) + part * (np.array(space.upper) - space.lower) for part in (0.1, 0.77)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # no history is what this model was trained on
+    with warnings.catch_warnings(action="ignore"):  # no history is what this model was trained on
         if getattr(model, "flow", None) is None:
             answers = [model.solve(point) for point in points]
         else:
@@ -238,8 +237,7 @@ def read_snapshot(path):
     """Bytes of a solution, or None if a warning said that it is not taken."""
     store = hhr.SnapshotStore(path.parent / "store", BareFull())
     os.replace(path, store._path(POINT.tolist()))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         solution = store.load(POINT)
     if solution is None:
         assert [item.category for item in caught] == [SnapshotFileWarning], caught

@@ -1,6 +1,7 @@
 """Where only moduli of whole bodies vary the full model factors once, and answers as one that factors anew."""
 
 import warnings
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -34,10 +35,7 @@ def plain(full, point):
 @pytest.fixture
 def no_factors(monkeypatch):
     """Nothing may be factored, and no columns solved for, from here on."""
-
-    def refused(*_):
-        raise AssertionError("the stiffness of whole bodies is a number times one that was factored")
-
+    refused = Mock(side_effect=AssertionError("the stiffness of whole bodies is a number times one that was factored"))
     monkeypatch.setattr(Factors, "factor", refused)
     monkeypatch.setattr(FreeCholesky, "solve_columns", refused)
 

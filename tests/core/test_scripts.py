@@ -85,6 +85,11 @@ def check_pellet(reports):
     assert report["thesis_size"]["ell_bar"] <= 60 and report["thesis_size"]["N_lambda_C"] <= 40
 
 
+def check_plastic(reports):
+    report = reports["report"]
+    assert report["stability"]["tangent"] > 0 and report["errors"]["primal_euclid"]["max"] < 0.05
+
+
 def check_nonmatching(reports):
     report = reports["report"]
     assert report["errors"]["unconverged"] == 0 and report["point"]["here"]["primal_l2"] < 0.01
@@ -136,10 +141,17 @@ CHECKS = {
     "fretting": check_friction,
     "pellet_cladding": check_pellet,
     "pellet_cladding_nonmatching": check_nonmatching,
+    "pellet_cladding_plastic": check_plastic,
     "press_fit_torque": check_friction,
     "sphere_on_block": check_sphere,
 }
 """What reports must hold besides."""
+PICTURES = {
+    "pellet_cladding_plastic": (
+        "fields.vtu", "fields.png", "pressures.png", "contact_force.png", "iterations_of_a_step.png",
+    ),
+}  # fmt: skip
+"""Files that a script leaves beside its reports, of more than 5000 bytes."""
 OF_PLUGINS = {
     "benchmarks": ("mortar",),
     "bolted_joint": ("checks", "exporters", "moduli", "mortar", "one_call", "pages", "volume_loads"),
@@ -179,6 +191,7 @@ def test_a_script_runs_at_its_smallest(name, tmp_path):
     assert reports and all(reports.values())
     if name in CHECKS:
         CHECKS[name](reports)
+    assert all((tmp_path / picture).stat().st_size > 5000 for picture in PICTURES.get(name, ()))
 
 
 @pytest.mark.parametrize(("name", "ending"), [("leaf_spring", ".msh"), ("joint", ".step")])

@@ -40,8 +40,7 @@ def test_histories_full_and_small(soft):
     import condensing
 
     for model in soft:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", SmallStrainWarning)
+        with warnings.catch_warnings(action="error", category=SmallStrainWarning):
             short = model.march(held(0.02), condensing.QUIET)
         assert short.answers[-1].plastic_strain().max() < 0.1
         with pytest.warns(SmallStrainWarning, match="no small strain, and answers are those of small strains"):
@@ -129,8 +128,7 @@ def test_corners_of_the_box_of_a_model_are_looked_at():
     full = hhr.FullOrderModel(squeezed(12.0))
     with pytest.raises(ReductionError, match=r"at down = 12: a strain of 1\.[12]"):
         check_corners(full, condensed(full))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", SmallStrainWarning)
+    with warnings.catch_warnings(action="error", category=SmallStrainWarning):
         small = hhr.FullOrderModel(squeezed(1.0))
         check_corners(small, hhr.condense(small))
         with pytest.raises(SmallStrainWarning, match=r"at down = 3: a strain of 0\.2"):

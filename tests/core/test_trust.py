@@ -180,8 +180,7 @@ def half_trained(half_discs_coarse):
 
 def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_trained):
     model = half_trained
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", OutsideTrainingWarning)
+    with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         inside = model.solve(0.3)
         model.solve(0.405)  # a twentieth of the spread is no extrapolation
         model.solve(0.44, outside="ignore")

@@ -250,8 +250,7 @@ def test_what_else_is_refused_or_warned_of():
         hhr.Body(1, 3.0, 0.3, grading=3)
     with pytest.warns(SceneWarning, match=r"parameters \('nu1',\) .* have no effect: .* body"):
         hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (4.0, 0.3)), ONE, cells=2))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         model = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", "nu1"), (4.0, 0.3)), ONE, cells=2))
     with pytest.raises(ParameterError, match=r"E1 = 7 is outside \[1, 6\]"):
         model.solve([0.03, 0.0, 0.0, 0.0, 7.0, 0.2])

@@ -11,8 +11,7 @@ from hhr_dolfinx.warn import collected, ignored, repeat, warn
 
 
 def test_collected_warnings_are_silent_until_they_are_repeated():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         with collected(SceneWarning) as found:
             warn("of a scene", SceneWarning)
             with pytest.raises(PairingWarning, match="of a pair"):
@@ -34,8 +33,7 @@ def test_what_is_repeated_is_taken_by_the_block_around():
 
 
 def test_ignored_are_some_classes_and_sentences():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         with ignored(SceneWarning, about="effect"):
             warn("has no effect", SceneWarning)
             with pytest.raises(SceneWarning):

@@ -278,8 +278,7 @@ def test_a_motion_that_contact_leaves_open_is_named(walled, kind):
 
 @pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
 def test_a_motion_that_contact_holds_is_no_open_one(walled, kind):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UndeterminedWarning)
+    with warnings.catch_warnings(action="error", category=UndeterminedWarning):
         answer = walled[kind].solve((4.0, 0.0, 2.0))
     assert answer.undetermined is None
     # the clearance, and what its right half is compressed by

@@ -169,8 +169,15 @@ def test_one_body_on_an_obstacle_and_one_that_does_not_vary():
     assert slope_errors(model, [0.03, 0.01, 0.05, 0.002, 2.0, 0.25]).max() < 1e-6
 
 
-@pytest.mark.parametrize("given", [{"tolerance": 0.0}, {"tolerance": 1.0}, {"tolerance": np.nan}, {"budget": 0},
-                                   {"budget": 2.5}, {"tolerance": "1e-3"}])  # fmt: skip
-def test_settings_that_are_none(given):
-    with pytest.raises(ReductionError, match=r"must lie in \(0, 1\), and its budget = .* be a positive integer"):
+NO_TARGET = r"must lie in \(0, 1\), and its budget = .* be a positive integer"
+NO_GRID = "must be True or False, and least = .* an integer that is not negative"
+
+
+@pytest.mark.parametrize(("given", "why"), [
+    *((given, NO_TARGET) for given in ({"tolerance": 0.0}, {"tolerance": 1.0}, {"tolerance": np.nan},
+                                       {"tolerance": "1e-3"}, {"budget": 0}, {"budget": 2.5})),
+    *((given, NO_GRID) for given in ({"least": "x"}, {"compressed": 3})),
+])  # fmt: skip
+def test_settings_that_are_none(given, why):
+    with pytest.raises(ReductionError, match=why):
         GridSettings(**given)
