@@ -50,6 +50,12 @@ def pellet_models(training):
     return parts_of(training, [(0.0, 3.7), (2.9, 6.1)])
 
 
+def three_models(training):
+    """Three models of the pellet, cut along both parameters."""
+    tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
+    return hhr.LocalModels([*pellet_models(training), *parts_of(training, [(2.0, 6.1)])], tree)
+
+
 def varying_set():
     """Two models of a pair of blocks whose lower modulus is a parameter, and the training."""
     training = hhr.train(pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), VARIED, cells=3), hhr.Sobol(32))

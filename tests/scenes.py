@@ -56,6 +56,23 @@ def block_scene(name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), 
     return hhr.Scene(name=name, **given | others)
 
 
+def pair_scene(name, box, first, second, bodies, *, simplices=False, warp=None, **others):
+    """A scene of two blocks, boxes (lower, upper, cells), in plane strain unless ``others`` say otherwise.
+
+    Bodies are (young, poisson) or a Body.
+    """
+    tagged = zip((two_blocks.FIRST, two_blocks.SECOND), bodies, strict=True)
+    given = {
+        "geometry": lambda comm: two_blocks.two_blocks(
+            comm, first=first, second=second, simplices=simplices, warp=warp
+        ),
+        "hypothesis": "plane_strain",
+        "bodies": tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body) for tag, body in tagged),
+        "parameters": space(**box),
+    }
+    return hhr.Scene(name=name, **given | others)
+
+
 def pressed_block(hypothesis, *, young=3.0, poisson=0.3, gap=0.01, cells=4, simplices=False):
     """A block of height 2 pushed by ``push`` in [0, 0.1] on a rigid floor ``gap`` below it.
 
@@ -121,21 +138,12 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [hhr.Displacement(top, k) for k in range(1, up)]
     moved = hhr.Displacement(top, 0, slope("slide")), hhr.Displacement(top, up, slope("push", -1.0))
     given = {
-        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
         "contacts": (hhr.NodeToNode(*surfaces, normal) if matching else hhr.NodeToSurface(*surfaces, normal),),
         "loads": (hhr.Pressure(flank, slope("load")),),
         "openings": (hhr.Opening(0, slope("gap")),),
     }
-    tagged = zip((two_blocks.FIRST, two_blocks.SECOND), bodies, strict=True)
-    made = tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body) for tag, body in tagged)
-    return hhr.Scene(
-        name=f"pair_{hypothesis}",
-        hypothesis=hypothesis,
-        bodies=made,
-        parameters=space(**PAIR_BOX | (parameters or {})),
-        displacements=(*held, *moved),
-        **given | others,
-    )
+    given |= {"hypothesis": hypothesis, "displacements": (*held, *moved), "simplices": simplices}
+    return pair_scene(f"pair_{hypothesis}", PAIR_BOX | (parameters or {}), first, second, bodies, **given | others)
 
 
 def largest_difference(found, expected):
@@ -210,17 +218,14 @@ def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **other
     resting = pairing == "obstacle"
     held = () if resting else (hhr.Displacement(side(below, last, False), last),)
     sides = (hhr.Displacement(side(body, axis, False), axis) for body in (below, on_top) for axis in range(last))
-    return hhr.Scene(**{
-        "name": "stacked",
-        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices),
+    given = {
         "hypothesis": "plane_strain" if dim == 2 else "solid",
-        "bodies": (hhr.Body(below, 3.0, 0.3), hhr.Body(on_top, 5.0, 0.2)),
         "contacts": (contact, *((hhr.NodeToNode(*faces, normal),) if resting else ())),
         "displacements": (*held, *sides),
-        "loads": (hhr.Pressure(side(on_top, last, True), hhr.Amplitude(slopes={"p": 1.0})),),
-        "parameters": hhr.ParameterSpace(("p",), (0.1,), (1.0,)),
-        **others,
-    })  # fmt: skip
+        "loads": (hhr.Pressure(side(on_top, last, True), slope("p")),),
+        "simplices": simplices,
+    }
+    return pair_scene("stacked", {"p": (0.1, 1.0)}, first, second, ((3.0, 0.3), (5.0, 0.2)), **given | others)
 
 
 def references_at(points, full, training):

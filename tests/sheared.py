@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from scenes import pair_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
@@ -20,23 +21,19 @@ def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.S
     faces = side(FIRST, last, True), side(SECOND, last, False)
     top = side(SECOND, last, True)
     normal = tuple(np.eye(dimension)[last])
-    moved = {axis: hhr.Amplitude() for axis in range(dimension)}
-    moved |= {0: hhr.Amplitude(slopes={"shear": 1.0}), last: hhr.Amplitude(slopes={"push": -1.0})}
+    moved = dict.fromkeys(range(dimension), hhr.Amplitude()) | {0: slope("shear"), last: slope("push", -1.0)}
     box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), **others.pop("box", {})}
     n = (cells,) * dimension
-    return hhr.Scene(**{
-        "name": "rubbing",
-        "geometry": lambda comm: two_blocks(comm, first=(*first, n), second=(*second, n)),
+    given = {
         "hypothesis": "plane_strain" if dimension == 2 else "solid",
-        "bodies": (hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2)),
+        "bodies": ((3.0, 0.3), (5.0, 0.2)),
         "contacts": (pairing or hhr.NodeToNode(*faces, normal, friction=friction),),
         "displacements": (
             *hhr.Displacement.clamp(side(FIRST, last, False), dimension),
             *(hhr.Displacement(top, axis, amplitude) for axis, amplitude in moved.items()),
         ),
-        "parameters": hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-        **others,
-    })  # fmt: skip
+    }
+    return pair_scene("rubbing", box, (*first, n), (*second, n), **given | others)
 
 
 def lifted(comm, lift, cells):
@@ -63,6 +60,6 @@ def driven(dimension=2, **others) -> hhr.Scene:
     scene = rubbing(dimension=dimension, cells=8 if dimension == 2 else 3, **others)
     sides = (
         hhr.Displacement(side(FIRST, 0, False), 0),
-        hhr.Displacement(side(SECOND, 0, False), 0, hhr.Amplitude(slopes={"shear": 1.0})),
+        hhr.Displacement(side(SECOND, 0, False), 0, slope("shear")),
     )
     return dataclasses.replace(scene, displacements=(*scene.displacements, *sides))

@@ -1,5 +1,7 @@
 """The thick tube under inner pressure, and elastic models that are solved in time as those of inelastic bodies are."""
 
+from scenes import block_scene, slope
+
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 
@@ -8,15 +10,17 @@ YOUNG, POISSON = 200.0, 0.3
 
 def tube(law, pressure, cells=24, poisson=0.3):
     """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one."""
-    return hhr.Scene(
-        name="tube",
-        geometry=lambda comm: block.block(comm, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1)),
+    return block_scene(
+        "tube",
+        {"p": (0.0, pressure)},
+        lower=(1, 0),
+        upper=(2, 0.2),
+        cells=(cells, 1),
         hypothesis="axisymmetric",
         bodies=(hhr.Body(block.SOLID, YOUNG, poisson, law),),
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (pressure,)),
         displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
-        loads=(hhr.Pressure(block.side(0, upper=False), hhr.Amplitude(slopes={"p": 1.0})),),
+        loads=(hhr.Pressure(block.side(0, upper=False), slope("p")),),
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from needs import needs
-from scenes import pressed_block, slope, space, whole_domain
+from scenes import pair_scene, pressed_block, slope, space, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -213,15 +213,14 @@ def test_round_off_between_pairs_ends(seed):
 
 def two_blocks_of_unlike_stiffness(law=None):
     """A stiff and a soft block, each pushed towards an obstacle of its own; the soft one does not reach it."""
-    shape = {"first": ((0, 0), (1, 1), (2, 2)), "second": ((3, 0), (4, 1), (2, 2))}
     tops, floors = ([two_blocks.side(body, 1, upper) for body in (1, 2)] for upper in (True, False))
-    return hhr.Scene(
-        name="unlike_blocks",
-        geometry=lambda comm: two_blocks.two_blocks(comm, **shape),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(1, 1e12, 0.3, law), hhr.Body(2, 1.0, 0.3, law)),
+    return pair_scene(
+        "unlike_blocks",
+        {"push": (0.0, 0.05)},
+        ((0, 0), (1, 1), (2, 2)),
+        ((3, 0), (4, 1), (2, 2)),
+        ((1e12, 0.3, law), (1.0, 0.3, law)),
         contacts=(hhr.Obstacle(floors[0], (0.0, -1.0), 0.0), hhr.Obstacle(floors[1], (0.0, -1.0), 0.1)),
-        parameters=space(push=(0.0, 0.05)),
         displacements=tuple(hhr.Displacement(tag, k, slope("push", -1.0 * k)) for tag in tops for k in (0, 1)),
     )
 

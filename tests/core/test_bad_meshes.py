@@ -10,7 +10,7 @@ import pytest
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from needs import needs
-from scenes import pressed_block
+from scenes import pressed_block, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
@@ -269,7 +269,7 @@ def test_bodies_that_hang_together_at_a_node_are_not_called_free():
         geometry=lambda *_: hinge(MPI.COMM_WORLD),
         contacts=(hhr.Obstacle(2, (0.0, 1.0), 2.1),),
         displacements=tuple(hhr.Displacement(1, axis) for axis in (0, 1)),
-        loads=(hhr.Pressure(2, hhr.Amplitude(slopes={"push": 1.0})),),
+        loads=(hhr.Pressure(2, slope("push")),),
     )
     refused(scene, "singular to round-off, though every body is held as a whole", NotSolvableError)
 
@@ -277,12 +277,12 @@ def test_bodies_that_hang_together_at_a_node_are_not_called_free():
 def test_imposed_nodes_that_penetrate():
     """The left side is pushed down by up to 0.1 with its lowest node, which hangs 0.01 above the floor."""
     scene = pressed_block("plane_strain")
-    side = hhr.Displacement(LEFT, 1, hhr.Amplitude(slopes={"push": -1.0}))
+    side = hhr.Displacement(LEFT, 1, slope("push", -1.0))
     pushed = dataclasses.replace(scene, displacements=(*scene.displacements, side))
     with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"):
         hhr.FullOrderModel(pushed)
     # an opening that outruns the push, and a floor that is out of reach
-    opened = dataclasses.replace(pushed, openings=(hhr.Opening(0, hhr.Amplitude(slopes={"push": 1.0})),))
+    opened = dataclasses.replace(pushed, openings=(hhr.Opening(0, slope("push")),))
     far = dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),))
     for scene in (opened, far):
         hhr.FullOrderModel(scene)

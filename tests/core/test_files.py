@@ -476,15 +476,8 @@ def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
 def test_points_that_are_no_table(points, small_reduction):
     with pytest.raises(ParameterError, match=r"(a|one) row per point"):
         hhr.answer_points(small_reduction, points)
-
-
-@needs("tables")
-def test_an_unknown_word_for_outside_is_refused_inside_too(small_reduction):
-    inside = np.array([[100.0, 3.0]])
     with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"):
-        hhr.answer_points(small_reduction, inside, outside="Refuse")
-    with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown"):
-        small_reduction.solve(inside[0], outside="Refuse")
+        hhr.answer_points(small_reduction, [[100.0, 3.0]], outside="Refuse")
 
 
 # ---------------------------------------------------------------- arrays left on the disk

@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc
 from mpi4py import MPI
 from needs import needs
-from scenes import largest_difference, pressed_block, pressed_pair, slope, space
+from scenes import largest_difference, pair_scene, pressed_block, pressed_pair, slope
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
@@ -52,14 +52,14 @@ def pressed_together(hypothesis, multipliers):
     slave, master = two_blocks.side(two_blocks.SECOND, 0, False), two_blocks.side(two_blocks.FIRST, 0, True)
     held = [two_blocks.side(two_blocks.FIRST, 0, False), two_blocks.side(two_blocks.SECOND, 0, True)]
     along = [hhr.Displacement(tag, 1) for tag in held]
-    boxes = {"first": ((1.0, 0.0), (2.0, 1.0), (2, 3)), "second": ((2.1, 0.0), (3.0, 1.0), (2, 5))}
-    return hhr.Scene(
-        name="pressed_together",
-        geometry=lambda comm: two_blocks.two_blocks(comm, **boxes),
+    boxes = ((1.0, 0.0), (2.0, 1.0), (2, 3)), ((2.1, 0.0), (3.0, 1.0), (2, 5))
+    return pair_scene(
+        "pressed_together",
+        {"push": (0.0, 0.2)},
+        *boxes,
+        ((3.0, 0.3), (2.0, 0.2)),
         hypothesis=hypothesis,
-        bodies=(hhr.Body(two_blocks.FIRST, 3.0, 0.3), hhr.Body(two_blocks.SECOND, 2.0, 0.2)),
         contacts=(hhr.Mortar(slave, master, multipliers=multipliers),),
-        parameters=space(push=(0.0, 0.2)),
         displacements=(*along, hhr.Displacement(held[0], 0), hhr.Displacement(held[1], 0, slope("push", -1.0))),
     )
 

@@ -223,11 +223,6 @@ UNNEEDED_BY_FLOW = {
     what: [name for name in names if name not in OF_FILES]
     for what, names in UNNEEDED.items()
     if what not in ("flow", "meshes that do not match", "loads on bodies")
-} | {
-    "what only elastic scenes are compared with": [
-        *own("plugins", "studies.points baselines.naive"),
-        *own("reduction", "exact"),
-    ]
 }
 ELASTIC_ALONE = [*own("plugins", "studies.points baselines.naive"), *own("reduction", "exact")]
 UNNEEDED_BY_FLOW["what only elastic scenes are compared with"] = ELASTIC_ALONE

@@ -11,7 +11,7 @@ import your_scene
 from dolfinx import io
 from mpi4py import MPI
 from needs import needs
-from scenes import largest_difference
+from scenes import largest_difference, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import degree_of, netcdf4
@@ -323,7 +323,7 @@ def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
 def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):
     scene = your_scene.scene()
     free = tuple(item for item in scene.displacements if item.tag != "roller_flat")
-    load = hhr.Traction("roller_flat", (0.0, -1.0), hhr.Amplitude(slopes={"travel": 3.0}))
+    load = hhr.Traction("roller_flat", (0.0, -1.0), slope("travel", 3.0))
     with pytest.warns(SceneWarning, match="body roller .* which no contact resists"):
         model = hhr.FullOrderModel(dataclasses.replace(scene, displacements=free, loads=(load,)), MPI.COMM_SELF)
     answer = model.solve({"travel": 0.5, "lowered": 0.0})

@@ -15,8 +15,8 @@ from flowing import flowing_full, flowing_reduction, pellet_of_moduli
 from flowing import pellet_path as heated
 from kept_values import array, both, entry, node_of, put, rewrite_model
 from needs import needs, present
-from parted import CUT, REACH, by_lapack, choice, one_cut, parts_of, pellet_models, pellet_training
-from scenes import largest_difference, pressed_block
+from parted import CUT, REACH, by_lapack, one_cut, parts_of, pellet_training, three_models
+from scenes import largest_difference, pressed_block, slope
 from threads import at_once
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
@@ -83,8 +83,7 @@ def models():
         training = pellets["one"]
         if kind == "pellet":
             return hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
-        tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
-        return hhr.LocalModels([*pellet_models(training), *parts_of(training, [(2.0, 6.1)])], tree)
+        return three_models(training)
 
     return Made(made)
 
@@ -349,7 +348,7 @@ def test_an_amplitude_of_a_users_own(tmp_path):
     top, floor = (block.side(1, upper=upper) for upper in (True, False))
     scene = replace(
         pressed_block("plane_strain"), loads=(WindLoad(floor, (0.0, -1.0), 3.0, "push"),),
-        displacements=(*held, hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0}))),
+        displacements=(*held, hhr.Displacement(top, 1, slope("push", -1.0))),
     )  # fmt: skip
     training, own = hhr.train(scene, (9,), held_out=0), tmp_path / "own.npz"
     whole = hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
@@ -642,6 +641,7 @@ REFUSED = {
 
         ("are negative", array("fields.bound.least", lambda a: a - 1e9)),
         ("not one more than another", put("fields.bound.kept", None)),
+        ("not one more than another", array("fields.bound.loads", lambda a: a[:3])),
         ("estimates of outputs are not those", put("fields.functionals", None)),
         ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from needs import needs
-from scenes import check_contact_conditions, pressed_block
+from scenes import block_scene, check_contact_conditions, pressed_block, slope
 from toy_law import Bingham
 from toy_pairing import RoundPunch
 
@@ -24,17 +24,18 @@ def punched(hypothesis, cells):
     """
     dim, centre = len(cells), CENTRE[hypothesis]
     bottom, lid = (block.side(dim - 1, upper) for upper in (False, True))
-    rise = hhr.Displacement(bottom, dim - 1, hhr.Amplitude(slopes={"rise": 1.0}))
-    upper = (2.0,) * (dim - 1) + (1.0,)
-    return hhr.Scene(
-        name="punched",
-        geometry=lambda comm: block.block(comm, lower=(0.0,) * dim, upper=upper, cells=cells),
+    rise = hhr.Displacement(bottom, dim - 1, slope("rise"))
+    return block_scene(
+        "punched",
+        {"rise": (0.02, 0.1), "swell": (0.0, 0.04)},
+        lower=(0.0,) * dim,
+        upper=(2.0,) * (dim - 1) + (1.0,),
+        cells=cells,
+        young=3.0,
         hypothesis=hypothesis,
-        bodies=(hhr.Body(block.SOLID, 3.0, 0.3),),
         contacts=(RoundPunch(lid, centre, RADIUS),),
-        parameters=hhr.ParameterSpace(("rise", "swell"), (0.02, 0.0), (0.1, 0.04)),
         displacements=(*(hhr.Displacement(bottom, axis) for axis in range(dim - 1)), rise),
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"swell": -1.0})),),
+        openings=(hhr.Opening(0, slope("swell", -1.0)),),
     )
 
 

@@ -8,7 +8,7 @@ import pellet_cladding_nonmatching as demo
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import node_dofs, references_at, whole_domain
+from scenes import node_dofs, references_at, slope, whole_domain
 from scipy import linalg
 
 import hhr_dolfinx as hhr
@@ -185,9 +185,7 @@ def test_an_imposed_slave_surface_keeps_only_conditions_that_act_inside():
     """A rigid die driven through its contact side: where its masters lie outside the RID a row would be zero."""
     scene = patch.scene(hhr.NodeToSurface, (16, 4), (8, 4), poisson=0.3, bulge=0.05)
     contact_side = two_blocks.side(two_blocks.SECOND, 1, False)
-    driven = tuple(
-        hhr.Displacement(contact_side, k, hhr.Amplitude(slopes={"push": -1.0 if k else 0.0})) for k in (0, 1)
-    )
+    driven = tuple(hhr.Displacement(contact_side, k, slope("push", -1.0 if k else 0.0)) for k in (0, 1))
     scene = dataclasses.replace(scene, displacements=(*scene.displacements, *driven))
     problem = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     sets = reduced_domain(problem, problem.contact_slaves[[4]], layers=1)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from needs import needs, present
 from peers import DualBasisModel
-from scenes import pressed_block
+from scenes import pressed_block, slope
 from scipy.stats import spearmanr
 from toy_steps import EquilibriumResidual, EveryKth, WholeSurface
 
@@ -189,7 +189,7 @@ NO_WORD = r"outside .*unknown, one of warn, refuse, ignore"
     [
         *(
             ({"start": start}, ParameterError, NO_START)
-            for start in ("near", 3, np.ones(3, bool), np.zeros((2, 2), bool))
+            for start in ("near", 3, [1, 0], [[True], [True, False]], np.ones(3, bool), np.zeros((2, 2), bool))
         ),
         *(({"outside": word}, ParameterError, NO_WORD) for word in ("warm", None, True)),
         *(({word: False}, TypeError, word) for word in ("raise_on_failrue", "settings")),
@@ -237,7 +237,7 @@ def test_no_step_is_nan_and_a_status(reduced):
         bodies=(hhr.Body(block.SOLID, 3.0, 0.3, hhr.Plasticity(yield_stress=0.06)),),
         contacts=(hhr.Obstacle(top, (0.0, 1.0), 3.0),),
         displacements=tuple(hhr.Displacement(block.side(axis, False), axis) for axis in (0, 1)),
-        loads=(hhr.Pressure(top, hhr.Amplitude(slopes={"push": 1.0})),),
+        loads=(hhr.Pressure(top, slope("push")),),
     )
     model = hhr.FullOrderModel(scene)
     if reduced:
@@ -399,8 +399,7 @@ def test_zones(coarse):
         (lambda: hhr.Recipe(trust=True), "trust = True of a recipe must be .*TrustLimits"),
         (lambda: hhr.Recipe(tangents=0.1), r"tangents = 0\.1 of a recipe must be .*Tangents"),
         (lambda: hhr.Recipe(indicator=EquilibriumResidual), r"must have prepared\(problem, basis, sets\)"),
-        (lambda: hhr.Pod(-1.0), r"tolerance = -1\.0 of Pod must lie in \(0, 1\)"),
-        (lambda: hhr.Pod(np.nan), "tolerance = nan of Pod"),
+        *((lambda at=at: hhr.Pod(at), rf"tolerance = {at} of Pod must lie in \(0, 1\)") for at in (-1.0, 0.0, 1.0, np.nan)),
         (lambda: hhr.Pod(1e-9, norm="H1"), "norm = 'H1' of a Pod is unknown: 'euclidean', 'energy' or 'l2'"),
         (lambda: hhr.Pod(1e-9, relative="no"), "relative = 'no' of Pod must be True or False"),
         (lambda: hhr.Pod(1e-9, by_body=1), "by_body = 1 of Pod"),

@@ -14,7 +14,7 @@ from scenes import pressed_block, stacked
 from scipy.spatial.transform import Rotation
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import HHRError, ModelFileError, SceneError
+from hhr_dolfinx.errors import HHRError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
@@ -210,16 +210,6 @@ def test_a_table_names_outputs_with_their_units(constant, tmp_path):
         rows = list(csv.DictReader(file))
     assert float(rows[0]["peak [MPa]"]) == pytest.approx(model.outputs(points[0])["peak"], rel=1e-10)
     assert rows[3]["energy"] == "" and rows[3]["status"] != "ok"
-
-
-def test_a_file_refuses_outputs_of_other_conditions(constant, tmp_path):
-    model = constant.build()
-    broken = model.fields.functionals.items[0]
-    broken = dataclasses.replace(broken, conditions=broken.conditions + 1000)
-    functionals = dataclasses.replace(model.fields.functionals, items=(broken,))
-    fields = dataclasses.replace(model.fields, functionals=functionals, output_bound=None)
-    with pytest.raises(ModelFileError, match=r"output 'peak' has conditions outside 0 \.\."):
-        hhr.save_model(tmp_path / "broken.npz", model.changed(fields=fields))
 
 
 @needs("studies")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import sphere_on_block as sphere
 from needs import MORTAR, mortar, needs
-from scenes import check_contact_conditions
+from scenes import check_contact_conditions, pair_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import energy_minimum
@@ -110,21 +110,17 @@ def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
     """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held axially."""
     inner, outer = two_blocks.FIRST, two_blocks.SECOND
     axial = [hhr.Displacement(two_blocks.side(body, 1, upper), 1) for body in (inner, outer) for upper in (False, True)]
-    push = hhr.Pressure(two_blocks.side(outer, 0, True), hhr.Amplitude(slopes={"p": 1.0}))
-    return hhr.Scene(
-        name="shrink_fit",
-        geometry=lambda comm: two_blocks.two_blocks(
-            comm,
-            first=((1.0, 0.0), (2.0, 0.5), (cells, cells // 2)),
-            second=((2.0 - interference, 0.0), (3.0, 0.5), (cells, 3 * cells // 4)),
-            simplices=simplices,
-        ),
+    return pair_scene(
+        "shrink_fit",
+        {"p": (0.0, 1.0)},
+        ((1.0, 0.0), (2.0, 0.5), (cells, cells // 2)),
+        ((2.0 - interference, 0.0), (3.0, 0.5), (cells, 3 * cells // 4)),
+        ((10.0, 0.3), (4.0, 0.2)),
+        simplices=simplices,
         hypothesis="axisymmetric",
-        bodies=(hhr.Body(inner, 10.0, 0.3), hhr.Body(outer, 4.0, 0.2)),
         contacts=(pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
         displacements=tuple(axial),
-        loads=(push,),
+        loads=(hhr.Pressure(two_blocks.side(outer, 0, True), slope("p")),),
     )
 
 
@@ -176,15 +172,15 @@ def concentric_arcs(pairing, count):
     def bend(points, _):
         return np.column_stack([points[:, 1] * np.cos(points[:, 0]), points[:, 1] * np.sin(points[:, 0])])
 
-    shapes = {"first": ((0, 0.5), (np.pi / 2, 1.0), (count, 2)), "second": ((0, 1.1), (np.pi / 2, 1.6), (13, 2))}
+    shapes = ((0, 0.5), (np.pi / 2, 1.0), (count, 2)), ((0, 1.1), (np.pi / 2, 1.6), (13, 2))
     held = (two_blocks.side(1, 1, False), two_blocks.side(2, 1, True))
-    return hhr.Scene(
-        name="arcs",
-        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes, warp=bend),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)),
+    return pair_scene(
+        "arcs",
+        {"p": (0.0, 1.0)},
+        *shapes,
+        ((1.0, 0.3),) * 2,
+        warp=bend,
         contacts=(pairing(two_blocks.side(2, 1, False), two_blocks.side(1, 1, True)),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
         displacements=tuple(hhr.Displacement(tag, component) for tag in held for component in (0, 1)),
-        loads=(hhr.Pressure(two_blocks.side(1, 0, False), hhr.Amplitude(slopes={"p": 1.0})),),
+        loads=(hhr.Pressure(two_blocks.side(1, 0, False), slope("p")),),
     )

@@ -8,7 +8,7 @@ import pellet_cladding as demo
 import pytest
 from hertz_half_discs import scene as hertz_scene
 from needs import needs
-from scenes import check_contact_conditions, references_at
+from scenes import check_contact_conditions, references_at, slope
 from scipy.sparse import csc_matrix, issparse
 
 import hhr_dolfinx as hhr
@@ -48,7 +48,7 @@ def test_sizes_of_the_thesis():
 
 def test_whole_coverage_is_the_plain_pressure(small):
     scene = demo.scene(**demo.QUICK_MESH)
-    plain = hhr.Pressure(geometry.CLADDING_OUTER, hhr.Amplitude(slopes={"P1": 1.0}))
+    plain = hhr.Pressure(geometry.CLADDING_OUTER, slope("P1"))
     tall = hhr.ParameterSpace(("P1", "h1"), (5.0, 0.6), (200.0, 7.0))
     with pytest.warns(SceneWarning, match=r"parameters \('h1',\) .* have no effect"):
         problem = hhr.FullOrderModel(dataclasses.replace(scene, loads=(plain,), parameters=tall)).problem

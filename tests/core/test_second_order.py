@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
 from needs import MORTAR, needs
-from scenes import stacked
+from scenes import block_scene, slope, stacked
 from second_order import bowl, rings
 from test_locking import FAR
 from tubes import tube
@@ -85,26 +85,6 @@ def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
     assert run.exit_code == 0 and "cells of second order" in run.output, run.output
     assert "% of the peak pressure" in " ".join(run.output.split())
     assert (tmp_path / "scene.png").exists()
-
-
-@needs("inelastic")
-@pytest.mark.filterwarnings("error::hhr_dolfinx.errors.LockingWarning")
-@pytest.mark.parametrize("simplices", [False, True])
-def test_a_tube_bears_its_limit_load_and_no_more(simplices):
-    """Perfect plasticity: 2/√3 ln(b/a) σ0. Triangles and quadrilaterals of second order need no mean dilatation."""
-    limit = 2 / np.sqrt(3) * np.log(2)
-    plain = tube(hhr.Plasticity(1.0), 2.0, cells=8)
-    scene = dataclasses.replace(plain, contacts=(FAR,), order=2)
-    if simplices:
-        height = 0.25
-        scene = dataclasses.replace(scene, geometry=lambda comm: block.block(
-            comm, lower=(1.0, 0.0), upper=(2.0, height), cells=(8, 2), simplices=True
-        ))  # fmt: skip
-    path = [(time, np.array([share * limit])) for time, share in enumerate([0.0, 0.4, 0.7, 0.9, 0.98, 0.99, 1.02])]
-    with pytest.raises(ConvergenceError, match="did not converge") as caught:
-        hhr.FullOrderModel(scene).march(path)
-    done = caught.value.history.answers
-    assert done[-1].parameter / limit == pytest.approx(0.99)
 
 
 def second(scene):
@@ -248,7 +228,7 @@ def test_a_slave_beyond_the_edge_of_its_master(swapped):
     """Flat parts count that lie in front of the master: the force is that of mortar to 1 %."""
     first, second = ((0.0, 0.0), (1.0, 1.0), (4, 4)), ((0.35, 1.0), (1.35, 2.0), (4, 4))
     faces = [side(FIRST, 1, True), side(SECOND, 1, False)][:: -1 if swapped else 1]
-    top = hhr.Displacement(side(SECOND, 1, True), 1, hhr.Amplitude(slopes={"p": -0.02}))
+    top = hhr.Displacement(side(SECOND, 1, True), 1, slope("p", -0.02))
     held = [hhr.Displacement(side(FIRST, 1, False), axis) for axis in (0, 1)]
     held += [hhr.Displacement(side(SECOND, 1, True), 0), top]
     found = []
@@ -299,13 +279,11 @@ def test_the_error_of_the_mesh_is_that_of_an_answer_of_its_scene():
 @pytest.mark.parametrize("height", [0.0, 0.04, 0.25, 0.41, 0.875, 1.0])
 def test_partial_pressures_are_integrated_exactly(order, height):
     """Nodal forces work on polynomials of the degree of the cells as the pressure does, wherever it ends."""
-    scene = hhr.Scene(
-        "wall", lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), simplices=True),
-        "plane_strain", (hhr.Body(block.SOLID, 1.0, 0.3),),
-        (hhr.Obstacle(block.side(1, True), normal=(0.0, 1.0), offset=2.0),),
-        hhr.ParameterSpace(("p", "h"), (0.0, 0.0), (10.0, 1.0)),
+    scene = block_scene(
+        "wall", {"p": (0.0, 10.0), "h": (0.0, 1.0)}, simplices=True, order=order,
+        contacts=(hhr.Obstacle(block.side(1, True), normal=(0.0, 1.0), offset=2.0),),
         displacements=hhr.Displacement.clamp(block.side(0, False), 2),
-        loads=(hhr.PartialPressure(block.side(0, True), hhr.Amplitude(slopes={"p": 1.0}), "h"),), order=order,
+        loads=(hhr.PartialPressure(block.side(0, True), slope("p"), "h"),),
     )  # fmt: skip
     problem = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     point = np.array([3.0, height])

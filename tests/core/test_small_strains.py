@@ -8,7 +8,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 from needs import needs
-from scenes import pressed_block, squeezed
+from scenes import block_scene, pressed_block, slope, space, squeezed
 from tubes import tube
 
 import hhr_dolfinx as hhr
@@ -81,23 +81,19 @@ def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
 def strip(push):
     """A strip of 20 x 0.5, clamped at one end, the other one pushed down over a floor that lies 1 below it."""
     left, right = block.side(0, upper=False), block.side(0, upper=True)
-    return hhr.Scene(
-        name="strip",
-        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(20, 0.5), cells=(80, 2)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+    return block_scene(
+        "strip",
+        {"push": (0.0, push)},
+        upper=(20, 0.5),
+        cells=(80, 2),
         contacts=(hhr.Obstacle(block.side(1, upper=False), (0.0, -1.0), 20.0),),
-        parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)),
-        displacements=(
-            *hhr.Displacement.clamp(left, 2),
-            hhr.Displacement(right, 1, hhr.Amplitude(slopes={"push": -1.0})),
-        ),
+        displacements=(*hhr.Displacement.clamp(left, 2), hhr.Displacement(right, 1, slope("push", -1.0))),
     )
 
 
 def shortened(push):
     """A block of height 2: the strain is a little less than half of the push."""
-    return dataclasses.replace(pressed_block("plane_strain"), parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)))
+    return dataclasses.replace(pressed_block("plane_strain"), parameters=space(push=(0.0, push)))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 import ufl
 import your_scene
 from needs import needs
-from scenes import pressed_block
+from scenes import pressed_block, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError
@@ -54,7 +54,7 @@ def stacked(**changes) -> hhr.Scene:
             hhr.NodeToNode(stacked_blocks.interface(LOWER, 2), stacked_blocks.interface(UPPER, 2), (0.0, 1.0)),
         ),
         "displacements": hhr.Displacement.clamp(stacked_blocks.outer_end(LOWER, 2), 2),
-        "loads": (hhr.Traction(stacked_blocks.outer_end(UPPER, 2), (0.0, -1.0), hhr.Amplitude(slopes={"p": 1.0})),),
+        "loads": (hhr.Traction(stacked_blocks.outer_end(UPPER, 2), (0.0, -1.0), slope("p")),),
         "parameters": hhr.ParameterSpace(("p",), (1.0,), (10.0,)),
     }
     return hhr.Scene(**(given | changes))
@@ -256,7 +256,7 @@ def test_where_there_is_no_mesh_nothing_is_drawn():
 def test_loads_are_drawn_as_the_forces_that_they_are():
     """At the parameter looked at: a pressure pushes against the outer normal, all of it in the resultant."""
     pressed = pressed_block("plane_strain")
-    lifted = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"push": 1.0}))
+    lifted = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), slope("push"))
     scene = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 2.0), lifted))
     (_, right), (name, up) = check_scene(scene, 0.1).forces
     assert name == f"Traction on {block.side(1, upper=True)}"

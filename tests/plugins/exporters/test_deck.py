@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from scenes import slope
 from shell import AT, DEMO, invoke
 
 import hhr_dolfinx as hhr
@@ -32,8 +33,8 @@ def pressed(hypothesis, simplices):
         contacts=(hhr.NodeToSurface(side(1, up, True), side(2, up, False)),),
         displacements=(*hhr.Displacement.clamp(side(1, up, False), dim),
                        *(hhr.Displacement(inner, k) for k in range(dim - 1))),
-        loads=(hhr.Pressure(side(2, up, True), hhr.Amplitude(slopes={"p": 1.0})),
-               hhr.Pressure(side(2, 0, True), hhr.Amplitude(slopes={"p": 0.5}))),
+        loads=(hhr.Pressure(side(2, up, True), slope("p")),
+               hhr.Pressure(side(2, 0, True), slope("p", 0.5))),
         parameters=hhr.ParameterSpace(("p",), (0.0,), (10.0,)),
     )  # fmt: skip
 

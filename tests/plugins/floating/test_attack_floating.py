@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
-from scenes import block_scene, slope, space
+from scenes import block_scene, pair_scene, slope, space
 from test_bounds import check, sizes_of
 from test_floating import scene
 
@@ -29,21 +29,17 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*no contact resists and no load
 
 def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
     """A free block on a free block on a floor, pressed by p on the upper and by q on the top of the lower one."""
-    boxes = {
-        "first": ((0, 0), (size, size), (cells, cells)),
-        "second": ((0.25 * size, size), (0.75 * size, 1.5 * size), (cells // 2, cells // 2)),
-    }
-    given = dict(
-        name="stack",
-        geometry=lambda comm: two_blocks(comm, **boxes),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 1000.0 * stiffer, 0.3)),
-        contacts=(UNDER_ALL, hhr.NodeToSurface(side(2, 1, False), side(1, 1, True))),
-        displacements=(),
-        loads=(hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
-        parameters=space(p=(lowest, 1.0), q=(lowest, 1.0)),
+    boxes = (
+        ((0, 0), (size, size), (cells, cells)),
+        ((0.25 * size, size), (0.75 * size, 1.5 * size), (cells // 2, cells // 2)),
     )
-    return hhr.Scene(**(given | changes))
+    given = {
+        "contacts": (UNDER_ALL, hhr.NodeToSurface(side(2, 1, False), side(1, 1, True))),
+        "displacements": (),
+        "loads": (hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
+    }
+    box = dict.fromkeys("pq", (lowest, 1.0))
+    return pair_scene("stack", box, *boxes, ((1000.0, 0.3), (1000.0 * stiffer, 0.3)), **given | changes)
 
 
 def lone(contacts, loads, names, **changes):

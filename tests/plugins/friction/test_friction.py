@@ -17,6 +17,7 @@ from friction_random import NONE, layout, random_problem, violation
 from mpi4py import MPI
 from needs import needs
 from parts import fretting_study
+from scenes import block_scene, slope, space
 from sheared import PATH, driven, round_block, rubbing
 
 import hhr_dolfinx as hhr
@@ -206,11 +207,11 @@ def inclined(friction) -> hhr.Scene:
         x[:, 1] += 0.1 * x[:, 0] * (1 - x[:, 1])
         return mesh, *tags
 
-    slope = np.arctan(0.1)
+    angle = np.arctan(0.1)
     return on_floor(
         geometry,
-        hhr.Obstacle(block.side(1, False), (np.sin(slope), -np.cos(slope)), 0.0, friction=friction),
-        loads=(hhr.Traction(block.side(1, True), (0.0, -1.0), hhr.Amplitude(slopes={"weight": 1.0})),),
+        hhr.Obstacle(block.side(1, False), (np.sin(angle), -np.cos(angle)), 0.0, friction=friction),
+        loads=(hhr.Traction(block.side(1, True), (0.0, -1.0), slope("weight")),),
         parameters=hhr.ParameterSpace(("weight",), (0.0,), (1.0,)),
         outputs=(hhr.ContactForce("along", 0, (1.0, 0.0)), hhr.ContactForce("up", 0, (0.0, 1.0))),
     )
@@ -380,8 +381,8 @@ def lowered_cell() -> hhr.Scene:
         young=1.0,
         poisson=0.0,
         displacements=(
-            hhr.Displacement(top, 0, hhr.Amplitude(slopes={"down": 1.0})),
-            hhr.Displacement(top, 1, hhr.Amplitude(slopes={"down": -1.0})),
+            hhr.Displacement(top, 0, slope("down")),
+            hhr.Displacement(top, 1, slope("down", -1.0)),
         ),
         parameters=hhr.ParameterSpace(("down",), (0.0,), (1.0,)),
     )
@@ -396,8 +397,8 @@ def test_a_pair_that_never_touches_takes_no_friction(last):
     scene = on_floor(
         lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(8, 4)),
         *pairs,
-        displacements=(hhr.Displacement(block.side(1, True), 0, hhr.Amplitude(slopes={"pull": 1.0})),),
-        loads=(hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"weight": 1.0})),),
+        displacements=(hhr.Displacement(block.side(1, True), 0, slope("pull")),),
+        loads=(hhr.Pressure(block.side(1, True), slope("weight")),),
         parameters=hhr.ParameterSpace(("weight", "pull"), (0.0, 0.0), (1.0, 0.1)),
         outputs=(
             hhr.ContactForce("along", pairs.index(floor), (1.0, 0.0)),
@@ -651,7 +652,7 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
     plane = rubbing(
         box=box, contacts=(hhr.Obstacle(side(FIRST, 1, True), (0.0, 1.0), 1.0, friction=0.3),),
         displacements=tuple(
-            hhr.Displacement(side(FIRST, 1, False), axis, hhr.Amplitude(slopes={name: 1.0}))
+            hhr.Displacement(side(FIRST, 1, False), axis, slope(name))
             for axis, name in enumerate(("shear", "push"))
         ) + hhr.Displacement.clamp(side(SECOND, 1, True), 2),
     )  # fmt: skip
@@ -697,8 +698,8 @@ def hovering(friction=0.3):
         poisson=0.2,
         parameters=hhr.ParameterSpace(("push", "aside"), (0.0, 0.0), (5.0, 1.0)),
         loads=(
-            hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"push": 1.0})),
-            hhr.Traction(block.side(0, False), (1.0, 0.0), hhr.Amplitude(slopes={"aside": 1.0})),
+            hhr.Pressure(block.side(1, True), slope("push")),
+            hhr.Traction(block.side(0, False), (1.0, 0.0), slope("aside")),
         ),
         outputs=(hhr.DisplacementAt("down", place=(1.0, 0.0), component=1), hhr.ContactForce("weight", 0, (0.0, 1.0))),
     )

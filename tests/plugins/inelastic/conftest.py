@@ -4,6 +4,7 @@ import condensing
 import flowing
 import pellet_cladding_plastic as demo
 import pytest
+from scenes import block_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
@@ -31,17 +32,14 @@ def cantilever():
     """A block held on its left over a floor, pressed on its lid by A and pulled to its right by B."""
     left, right = block.side(0, False), block.side(0, True)
     return hhr.FullOrderModel(
-        hhr.Scene(
-            name="cantilever",
-            geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(3, 2), cells=(15, 6)),
-            hypothesis="plane_strain",
+        block_scene(
+            "cantilever",
+            {"A": (0.0, 2.0), "B": (-1.0, 1.0)},
+            upper=(3, 2),
+            cells=(15, 6),
             bodies=(hhr.Body(block.SOLID, 200.0, 0.3, hhr.Plasticity(1.0, 5.0)),),
             contacts=(hhr.Obstacle(block.side(1, False), (0, -1), 0.002),),
-            parameters=hhr.ParameterSpace(("A", "B"), (0.0, -1.0), (2.0, 1.0)),
-            displacements=(hhr.Displacement(left, 0), hhr.Displacement(left, 1)),
-            loads=(
-                hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"A": 1.0})),
-                hhr.Traction(right, (0.0, 1.0), hhr.Amplitude(slopes={"B": 1.0})),
-            ),
+            displacements=hhr.Displacement.clamp(left, 2),
+            loads=(hhr.Pressure(block.side(1, True), slope("A")), hhr.Traction(right, (0.0, 1.0), slope("B"))),
         )
     )

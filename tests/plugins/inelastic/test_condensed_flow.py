@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
 from needs import needs
-from scenes import pressed_pair
+from scenes import pressed_pair, slope
 from test_flow_moduli import blocks, glued, pressed, push
 
 import hhr_dolfinx as hhr
@@ -242,7 +242,7 @@ def in_units(length, stress):
     base = pressed_pair("plane_strain", bodies, {"E1": box["E1"]}, cells=4)
     held = [item for item in base.displacements if not item.amplitude.slopes]
     top = two_blocks.side(two_blocks.SECOND, 1, True)
-    moved = (hhr.Displacement(top, 0), hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0})))
+    moved = (hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0)))
     return hhr.FullOrderModel(dataclasses.replace(
         base, geometry=geometry, displacements=(*held, *moved), loads=(), openings=(),
         parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),

@@ -7,6 +7,7 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from flowing import DEMO_MESH as MESH
+from scenes import block_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
@@ -384,19 +385,14 @@ def test_a_model_without_laws_marches_by_what_it_is():
 def test_a_rigid_motion_is_one_step(law):
     """The boundary moves by 20 times the yield strain: points behind it must not flow on the way."""
     up, down = block.side(1, True), block.side(1, False)
-    moved = hhr.Amplitude(slopes={"move": 1.0})
-    scene = hhr.Scene(
-        name="rigid",
-        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 1), cells=(6, 6)),
-        hypothesis="plane_strain",
+    moved = (hhr.Displacement(tag, 1, slope("move")) for tag in (down, up))
+    scene = block_scene(
+        "rigid",
+        {"move": (-10.0, 10.0)},
+        cells=(6, 6),
         bodies=(hhr.Body(block.SOLID, 200.0, 0.3, law),),
         contacts=(hhr.Obstacle(block.side(0, True), (1, 0), 5.0),),
-        parameters=hhr.ParameterSpace(("move",), (-10.0,), (10.0,)),
-        displacements=(
-            hhr.Displacement(block.side(0, False), 0),
-            hhr.Displacement(down, 1, moved),
-            hhr.Displacement(up, 1, moved),
-        ),
+        displacements=(hhr.Displacement(block.side(0, False), 0), *moved),
     )
     history = hhr.FullOrderModel(scene).march([(0.0, [0.0]), (1.0, [1.0])])
     assert history.cuts == 0 and np.abs(history.answers[-1].stress()).max() < 1e-8

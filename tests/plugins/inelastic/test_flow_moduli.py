@@ -7,7 +7,7 @@ import pytest
 import varied
 from condensing import EVERY, QUIET, TIGHT, apart, condensed
 from dolfinx.mesh import compute_midpoints, meshtags
-from scenes import pressed_pair
+from scenes import block_scene, pressed_pair, slope
 from test_plastic import axial, bar
 from tubes import YOUNG
 
@@ -58,19 +58,15 @@ def glued(first, second, materials):
         upper = compute_midpoints(mesh, 2, cells)[:, 1] > 1
         return mesh, meshtags(mesh, 2, cells, np.where(upper, 2, 1).astype(np.int32)), facets
 
-    box = {"push": (0.0, 0.1)} | materials
-    return hhr.Scene(
-        name="glued",
+    lid = block.side(1, upper=True)
+    return block_scene(
+        "glued",
+        {"push": (0.0, 0.1)} | materials,
         geometry=geometry,
-        hypothesis="plane_strain",
         bodies=(hhr.Body(1, first, 0.3, hhr.Plasticity(0.05, 0.2)), hhr.Body(2, second, 0.3)),
         contacts=(hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.005),),
-        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-        displacements=(
-            hhr.Displacement(block.side(1, upper=True), 0),
-            hhr.Displacement(block.side(1, upper=True), 1, hhr.Amplitude(slopes={"push": -1.0})),
-        ),
-    )  # fmt: skip
+        displacements=(hhr.Displacement(lid, 0), hhr.Displacement(lid, 1, slope("push", -1.0))),
+    )
 
 
 def pressed(*moduli):
@@ -144,7 +140,7 @@ def test_where_nothing_flows_it_is_the_elastic_scene(hypothesis):
 
     def heated(law, young="4 * w"):
         bodies = hhr.Body(two_blocks.FIRST, 3.0, 0.46, law), hhr.Body(two_blocks.SECOND, young, 0.46)
-        pressure = hhr.Pressure(two_blocks.side(two_blocks.SECOND, 0, True), hhr.Amplitude(slopes={"load": 1.0}))
+        pressure = hhr.Pressure(two_blocks.side(two_blocks.SECOND, 0, True), slope("load"))
         space = {"T": (0.0, 100.0), "w": (0.5, 2.0)}
         return hhr.FullOrderModel(pressed_pair(hypothesis, bodies, space, cells=2, loads=(HEAT[0], pressure, HEAT[1])))
 
@@ -197,7 +193,7 @@ class Own:
     """A strain of a user's own that makes no term of what it is given."""
 
     tag: int
-    amplitude = hhr.Amplitude(slopes={"T": 1.0})
+    amplitude = slope("T")
 
     def terms(self, assembler):
         return [Term(self.amplitude, np.ones(assembler.size))]

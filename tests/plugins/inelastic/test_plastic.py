@@ -9,7 +9,7 @@ import pytest
 from condensing import QUIET, condensed, up
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import node_dofs, pressed_block, whole_domain
+from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, space, whole_domain
 from tubes import POISSON, YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
@@ -114,18 +114,16 @@ def test_norton_over_many_decades(exponent):
 def bar(law, reach=0.1, young=YOUNG, loads=(), **space):
     """A cylinder pulled and pushed along its axis, free at its side: uniaxial stress."""
     up, box = block.side(1, upper=True), {"pull": (-reach, reach)} | space
-    return hhr.Scene(
-        name="bar",
-        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 2), cells=(2, 2)),
+    held = (hhr.Displacement(block.side(axis, upper=False), axis) for axis in (0, 1))
+    return block_scene(
+        "bar",
+        box,
+        upper=(1, 2),
+        cells=(2, 2),
         hypothesis="axisymmetric",
         bodies=(hhr.Body(block.SOLID, young, POISSON, law),),
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.0),),  # far away
-        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-        displacements=(
-            hhr.Displacement(block.side(0, upper=False), 0),
-            hhr.Displacement(block.side(1, upper=False), 1),
-            hhr.Displacement(up, 1, hhr.Amplitude(slopes={"pull": 2.0})),
-        ),
+        displacements=(*held, hhr.Displacement(up, 1, slope("pull", 2.0))),
         loads=loads,
     )
 
@@ -286,9 +284,8 @@ def test_two_pairs_one_opening():
     """A gap that opens acts on its own pair, as a mesh with that gap does."""
     base = patch.scene(hhr.NodeToSurface, (3, 3), (4, 3), poisson=0.3)
     wall = hhr.Obstacle(two_blocks.side(2, 0, True), (1.0, 0.0), 1.02)
-    space = hhr.ParameterSpace(("push", "side", "gap"), (0.0, 0.0, -0.1), (0.1, 0.05, 0.1))
-    opening = hhr.Opening(1, hhr.Amplitude(0.0, {"gap": 1.0}))
-    scene = dataclasses.replace(base, contacts=(*base.contacts, wall), parameters=space, openings=(opening,))
+    box, openings = space(push=(0.0, 0.1), side=(0.0, 0.05), gap=(-0.1, 0.1)), (hhr.Opening(1, slope("gap")),)
+    scene = dataclasses.replace(base, contacts=(*base.contacts, wall), parameters=box, openings=openings)
     moved = dataclasses.replace(scene, contacts=(*base.contacts, dataclasses.replace(wall, offset=1.01)), openings=())
     one, two = hhr.FullOrderModel(scene).solve([0.08, 0.03, -0.01]), hhr.FullOrderModel(moved).solve([0.08, 0.03, 0.0])
     assert two.active[:5].any() and two.active[5:].any()
@@ -298,7 +295,7 @@ def test_two_pairs_one_opening():
 def test_moving_lifts_in_the_reduced_model():
     """Whole basis and RID on a scene driven by an imposed displacement: the full history."""
     scene = tube(LAWS["plasticity"], 1.0, cells=6)
-    move = hhr.Displacement(block.side(0, upper=False), 0, hhr.Amplitude(slopes={"p": 1.0}))
+    move = hhr.Displacement(block.side(0, upper=False), 0, slope("p"))
     wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
     moved = dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
     full = hhr.FullOrderModel(moved)
@@ -317,21 +314,16 @@ def test_a_soft_body_converges_beside_a_stiff_one():
     """Each body by its own forces: one a millionth as stiff and strong yields the same, whatever squeezes the other."""
     first, second = two_blocks.FIRST, two_blocks.SECOND
     held = [(two_blocks.side(body, 1, False), axis) for body in (first, second) for axis in (0, 1)]
-    squeeze = hhr.Displacement(two_blocks.side(second, 1, True), 1, hhr.Amplitude(slopes={"squeeze": -1.0}))
-    push = hhr.Traction(two_blocks.side(first, 1, True), (0.3, -1.0), hhr.Amplitude(slopes={"push": 1e-6}))
-    shapes = {"first": ((0.0, 0.0), (1.0, 1.0), (3, 3)), "second": ((0.0, 3.0), (1.0, 4.0), (2, 2))}
-    scene = hhr.Scene(
-        name="soft_and_stiff",
-        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes),
-        hypothesis="plane_strain",
-        bodies=(
-            hhr.Body(first, YOUNG * 1e-6, POISSON, hhr.Plasticity(1e-6, 5e-6)),
-            hhr.Body(second, YOUNG, POISSON),
-        ),
+    squeeze = hhr.Displacement(two_blocks.side(second, 1, True), 1, slope("squeeze", -1.0))
+    scene = pair_scene(
+        "soft_and_stiff",
+        {"push": (0.0, 2.0), "squeeze": (0.0, 0.3)},
+        ((0.0, 0.0), (1.0, 1.0), (3, 3)),
+        ((0.0, 3.0), (1.0, 4.0), (2, 2)),
+        ((YOUNG * 1e-6, POISSON, hhr.Plasticity(1e-6, 5e-6)), (YOUNG, POISSON)),
         contacts=(hhr.Obstacle(two_blocks.side(first, 0, True), (1, 0), 3.0),),
-        parameters=hhr.ParameterSpace(("push", "squeeze"), (0.0, 0.0), (2.0, 0.3)),
         displacements=(*(hhr.Displacement(tag, axis) for tag, axis in held), squeeze),
-        loads=(push,),
+        loads=(hhr.Traction(two_blocks.side(first, 1, True), (0.3, -1.0), slope("push", 1e-6)),),
     )
     full = hhr.FullOrderModel(scene)
     lasts = []

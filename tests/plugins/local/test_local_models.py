@@ -23,6 +23,7 @@ from parted import (
     pellet_models,
     pellet_training,
     random_choice,
+    three_models,
     varying_set,
 )
 from scenes import largest_difference, pressed_block, slope_errors
@@ -395,11 +396,8 @@ def test_bodies_that_flow_are_for_histories(models):
         hhr.LocalModels([models[0], flowing], one_cut(1, CUT, REACH))
 
 
-def test_three_models_in_the_plane_of_two_parameters(models, training):
-    points = training.snapshots.points
-    low = [hhr.build(training.full_order, training.snapshots.take(np.flatnonzero(points[:, 0] < 130)), AS_IT_IS)]
-    tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (15.0, 0.3))
-    local = hhr.LocalModels([*models, *low], tree)
+def test_three_models_in_the_plane_of_two_parameters(training):
+    local = three_models(training)
     for number, point in ((0, (60.0, 1.5)), (2, (60.0, 4.5)), (1, (160.0, 4.5))):
         assert local.model_of(local.solve(point)) == number
     many = local.solve_many(training.full_order.parameters.random(60, seed=3))
@@ -421,12 +419,6 @@ def test_why_a_model_of_a_set_has_no_answer_is_told(training, models, local, mon
     with pytest.raises(SingularError, match="K of a body"):
         local.solve(LOW)
     assert not local.solve(LOW, raise_on_failure=False).converged
-
-
-@pytest.mark.parametrize("start", [[[True], [True, False]], [1, 0], "rubbish"])
-def test_starts_that_are_none(models, start):
-    with pytest.raises(ParameterError, match="is unknown: 'nearest', None"):
-        models[0].solve(LOW, start=start)
 
 
 def test_answers_do_not_share_the_start_that_they_were_given(models):

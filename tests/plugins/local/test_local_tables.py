@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 from needs import needs
-from parted import CUT, choice, parts_of, pellet_models, pellet_training, varying_set
+from parted import pellet_training, three_models, varying_set
 from scenes import largest_difference
 from test_mpi import launch
 
@@ -23,10 +23,7 @@ def training():
 
 @pytest.fixture(scope="module")
 def local(training):
-    """Three models, cut along both parameters."""
-    models = [*pellet_models(training), *parts_of(training, [(2.0, 6.1)])]
-    tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
-    return LocalModels(models, tree)
+    return three_models(training)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from needs import needs
 from parted import AS_IT_IS, OUTPUTS, one_cut
-from scenes import pressed_pair, references_at
+from scenes import pressed_pair, references_at, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
@@ -165,7 +165,7 @@ def test_no_stripe_by_the_borders(training, split, regular):
 
 def test_no_set_of_two_scenes(training):
     """Loads that act elsewhere, and models with and without bounds."""
-    other = dataclasses.replace(training.full_order.scene.loads[0], amplitude=hhr.Amplitude(slopes={"P1": 0.5}))
+    other = dataclasses.replace(training.full_order.scene.loads[0], amplitude=slope("P1", 0.5))
     scene = dataclasses.replace(training.full_order.scene, loads=(other,))
     another = hhr.train(scene, (3, 3), held_out=0, comm=MPI.COMM_SELF).build(AS_IT_IS, checked=False)
     models = [

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from needs import needs
-from scenes import pressed_pair
+from scenes import pressed_pair, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
@@ -17,7 +17,7 @@ def pressed(poisson="nu", **others):
     """Two blocks .01 apart: the upper one, whose top only moves down, closes the gap and hardly presses."""
     top, bottom = SIDE(two_blocks.SECOND, 1, True), SIDE(two_blocks.FIRST, 1, False)
     held = [hhr.Displacement(bottom, 0), hhr.Displacement(bottom, 1), hhr.Displacement(top, 0)]
-    down = hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0}))
+    down = hhr.Displacement(top, 1, slope("push", -1.0))
     scene = pressed_pair("plane_strain", ((1.0, 0.3), (2.0, poisson)), {"nu": (0.2, 0.4)}, cells=4, loads=())
     box = {"push": (0.01001, 0.0102)} | ({"nu": (0.2, 0.4)} if poisson == "nu" else {})
     given = {
@@ -65,7 +65,7 @@ def test_its_errors_are_proved_and_hardly_ever_ask_the_full_model(training):
 def test_imposed_motions_that_strain_stay_on_the_imposed_dofs():
     """The top slides while the bottom is held aside: no rigid block does that."""
     top, bottom = SIDE(two_blocks.SECOND, 1, True), SIDE(two_blocks.SECOND, 1, False)
-    slid = hhr.Displacement(top, 0, hhr.Amplitude(slopes={"push": 1.0}))
+    slid = hhr.Displacement(top, 0, slope("push"))
     moved = *pressed().displacements[:2], slid, hhr.Displacement(top, 1), hhr.Displacement(bottom, 0)
     problem = hhr.FullOrderModel(pressed(displacements=moved)).problem
     dofs = problem.lifts.nonzero()[0]

@@ -10,7 +10,7 @@ import your_scene
 from kept_values import put, rewrite_model
 from mpi4py import MPI
 from needs import needs
-from scenes import pressed_pair
+from scenes import block_scene, pressed_pair, slope, space
 from scipy.linalg import eigvalsh
 
 import hhr_dolfinx as hhr
@@ -329,15 +329,11 @@ def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
 def clamped_strip(length, height, cells, gap, parameters, *loads, **others):
     """A strip over a floor, clamped at its left end, whose modulus is a parameter."""
     given = {
-        "name": "strip",
-        "geometry": lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(length, height), cells=cells),
-        "hypothesis": "plane_strain",
-        "bodies": (hhr.Body(block.SOLID, "E", 0.3),),
         "contacts": (hhr.Obstacle(block.side(1, False), (0.0, -1.0), gap),),
         "displacements": hhr.Displacement.clamp(block.side(0, False), 2),
     }
-    space = hhr.ParameterSpace(tuple(parameters), *zip(*parameters.values(), strict=True))
-    return hhr.Scene(**given | {"parameters": space, "loads": loads} | others)
+    how = {"upper": (length, height), "cells": cells, "young": "E", "loads": loads}
+    return block_scene("strip", parameters, **given | how | others)
 
 
 def heated_cantilever(length):
@@ -425,7 +421,7 @@ def apart(push):
         gmsh.model.mesh.setTransfiniteAutomatic()
         gmsh.model.mesh.generate(2)
 
-    moved = hhr.Amplitude(slopes={"push": -1.0})
+    moved = slope("push", -1.0)
     held = [hhr.Displacement(tag, 0) for tag in (10, 20, 30)] + [hhr.Displacement(tag, 1) for tag in (12, 32)]
     return hhr.Scene(
         name="apart",
@@ -434,8 +430,8 @@ def apart(push):
         bodies=(hhr.Body(1, "E1", 0.3), hhr.Body(2, "E2", 0.3), hhr.Body(3, "E3", 0.3)),
         contacts=(hhr.NodeToNode(13, 22, (0.0, 1.0)),),
         displacements=(*held, hhr.Displacement(23, 1, moved), *([hhr.Displacement(33, 1, moved)] if push else [])),
-        loads=(hhr.Traction(31, (1.0, 0.0), hhr.Amplitude(slopes={"push": 1.0})),),
-        parameters=hhr.ParameterSpace(("push", "E1", "E2", "E3"), (0.01, 1.0, 1.0, 1.0), (0.1, 3.0, 3.0, 3.0)),
+        loads=(hhr.Traction(31, (1.0, 0.0), slope("push")),),
+        parameters=space(push=(0.01, 0.1), **dict.fromkeys(("E1", "E2", "E3"), (1.0, 3.0))),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
+from scenes import pair_scene
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
@@ -267,16 +268,12 @@ def test_what_geometry_forbids_is_tried_once():
     """A block that a parameter moves along the other one, until some of its nodes have nothing below them."""
     side = two_blocks.side
     first, second = ((0.0, 0.0), (2.0, 1.0), (4, 2)), ((0.5, 1.0), (1.5, 2.0), (3, 2))
-    scene = hhr.Scene(
-        name="moved_away",
-        geometry=lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(1, 3.0, 0.3), hhr.Body(2, 5.0, 0.3)),
+    scene = pair_scene(
+        "moved_away", {"push": (0.01, 0.05), "away": (0.0, 0.9)}, first, second, ((3.0, 0.3), (5.0, 0.3)),
         contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True), normal=(0.0, -1.0)),),
         displacements=(*hhr.Displacement.clamp(side(1, 1, False), 2), hhr.Displacement(side(2, 1, True), 0),
                        hhr.Displacement(side(2, 1, True), 1, "-push")),
         shapes=(hhr.Shape(2, ("x + away", "y")),),
-        parameters=hhr.ParameterSpace(("push", "away"), (0.01, 0.0), (0.05, 0.9)),
     )  # fmt: skip
     with pytest.raises(StudyError, match="other nodes are in contact than in the middle of the box") as caught:
         hhr.reduce(scene, 0.01, of="forces", progress=unannounced)

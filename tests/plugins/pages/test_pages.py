@@ -20,6 +20,7 @@ import test_moduli
 from bare import WAIT
 from mpi4py import MPI
 from needs import needs
+from scenes import slope
 from scipy.sparse import csr_matrix
 from sheared import driven, leaning, round_block, rubbing
 
@@ -498,7 +499,7 @@ def test_a_page_of_what_never_moves(tmp_path):
     scene = dataclasses.replace(
         contract.blocks(), parameters=space, loads=(), outputs=(),
         displacements=tuple(hhr.Displacement(item.tag, item.component) for item in contract.blocks().displacements),
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+        openings=(hhr.Opening(0, slope("gap")),),
     )  # fmt: skip
     _, model, scenery = made(scene, fields=True)
     text = hhr.write_model_page(tmp_path / "still.html", model, scenery).read_text(encoding="utf-8")
@@ -568,7 +569,7 @@ def round_blocks_in_space(comm, cells=4):
 def in_space(friction):
     """The same blocks in space, of which the upper one moves along both tangents."""
     scene = rubbing(friction, dimension=3, geometry=round_blocks_in_space, box={"aside": (-0.1, 0.1)})
-    aside = hhr.Amplitude(slopes={"aside": 1.0})
+    aside = slope("aside")
     moved = [item for item in scene.displacements if item.component == 1 and item.tag == side(SECOND, 2, True)]
     return dataclasses.replace(
         scene,

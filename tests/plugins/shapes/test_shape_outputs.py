@@ -7,7 +7,7 @@ import press_fit as demo
 import pytest
 from my_output import MyOutput
 from needs import present
-from scenes import meshed
+from scenes import block_scene, meshed, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -47,16 +47,18 @@ def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
         MyOutput("mean pressure", 0),
     )
     x, y = coordinate_names(hypothesis)
-    push = hhr.Amplitude(slopes={"push": -1.0})
-    return hhr.Scene(
-        name="crowned",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(1.5, 1.0), cells=(6, 4), simplices=simplices),
+    return block_scene(
+        "crowned",
+        {"push": (0.05, 0.15), "crown": (0.05, 0.15), "E": (1.0, 3.0), "pull": (0.0, 0.1)},
+        upper=(1.5, 1.0),
+        cells=(6, 4),
+        young="E",
+        poisson=poisson,
+        simplices=simplices,
         hypothesis=hypothesis,
-        bodies=(hhr.Body(block.SOLID, "E", poisson),),
         contacts=(hhr.Obstacle(FLOOR, (0.0, -1.0), 0.01),),
-        parameters=hhr.ParameterSpace(("push", "crown", "E", "pull"), (0.05, 0.05, 1.0, 0.0), (0.15, 0.15, 3.0, 0.1)),
-        displacements=(hhr.Displacement(AXIS, 0), hhr.Displacement(LID, 1, push)),
-        loads=(hhr.Traction(block.side(0, upper=True), (1, 0), hhr.Amplitude(slopes={"pull": 1.0})),),
+        displacements=(hhr.Displacement(AXIS, 0), hhr.Displacement(LID, 1, slope("push", -1.0))),
+        loads=(hhr.Traction(block.side(0, upper=True), (1, 0), slope("pull")),),
         shapes=(hhr.Shape(block.SOLID, (x, f"{y} * (1 + crown) + 0.3 * crown * {x}**2 * (1 - {y})")),),
         outputs=named if outputs is None else outputs,
     )

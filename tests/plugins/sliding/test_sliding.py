@@ -10,6 +10,7 @@ import sliding_punch as demo
 from mpi4py import MPI
 from needs import needs
 from parts import sliding_punch_study as study
+from scenes import pair_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -152,31 +153,27 @@ def test_a_punch_that_leaves_the_block_bears_nothing(smooth):
 def in_space(axis: int) -> hhr.Scene:
     """A pad on a slab, pushed and drawn along x or y; the scene of one is that of the other, turned."""
 
-    def geometry(comm):
-        def warp(points, tag):
-            if tag == FIRST:
-                return points
-            bulge = 0.15 * (points[:, :2] ** 2).sum(axis=1) * (1 - points[:, 2])
-            return points + np.column_stack([0 * bulge, 0 * bulge, bulge])
-
-        first = (-2.0, -2.0, -1.0), (2.0, 2.0, 0.0), (16, 16, 3)
-        second = (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0), (5, 5, 3)
-        return two_blocks(comm, first=first, second=second, warp=warp)
+    def warp(points, tag):
+        if tag == FIRST:
+            return points
+        bulge = 0.15 * (points[:, :2] ** 2).sum(axis=1) * (1 - points[:, 2])
+        return points + np.column_stack([0 * bulge, 0 * bulge, bulge])
 
     top = side(SECOND, 2, True)
-    moved = {k: hhr.Amplitude() for k in range(3)}
-    moved |= {axis: hhr.Amplitude(slopes={"way": 1.0}), 2: hhr.Amplitude(slopes={"push": -1.0})}
-    return hhr.Scene(
-        name="pad",
-        geometry=geometry,
+    moved = dict.fromkeys(range(3), hhr.Amplitude()) | {axis: slope("way"), 2: slope("push", -1.0)}
+    return pair_scene(
+        "pad",
+        {"push": (0.0, 0.05), "way": (0.0, 1.2)},
+        ((-2.0, -2.0, -1.0), (2.0, 2.0, 0.0), (16, 16, 3)),
+        ((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0), (5, 5, 3)),
+        ((1000.0, 0.3),) * 2,
+        warp=warp,
         hypothesis="solid",
-        bodies=(hhr.Body(FIRST, 1000.0, 0.3), hhr.Body(SECOND, 1000.0, 0.3)),
         contacts=(hhr.NodeToSurface(side(SECOND, 2, False), side(FIRST, 2, True), friction=0.2),),
         displacements=(
             *hhr.Displacement.clamp(side(FIRST, 2, False), 3),
             *(hhr.Displacement(top, k, amplitude) for k, amplitude in moved.items()),
         ),
-        parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, 1.2)),
         outputs=tuple(hhr.ContactForce(name, 0, tuple(np.eye(3)[k])) for k, name in enumerate("xyz")),
     )
 
@@ -201,7 +198,7 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
     with pytest.raises(NotOfferedError, match="of the full order cannot be kept in a file"):
         hhr.save_model("nowhere.npz", hhr.slide(scene, condensed=False))
     faces = side(SECOND, 1, False), side(FIRST, 1, True)
-    pressed = hhr.Pressure(side(SECOND, 1, True), hhr.Amplitude(slopes={"push": 1.0}))
+    pressed = hhr.Pressure(side(SECOND, 1, True), slope("push"))
     changes = {
         "is a NodeToNode": {"contacts": (hhr.NodeToNode(*faces, (0.0, -1.0)),)},
         "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},

@@ -10,7 +10,7 @@ from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
 from needs import needs
 from parted import by_lapack
-from scenes import check_alike, largest_difference, slope_errors
+from scenes import check_alike, largest_difference, slope, slope_errors
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
@@ -185,13 +185,13 @@ def layers(*, young="E1", poisson="nu1", clamped=False, loads=None, cells=(6, 4)
         parameters=hhr.ParameterSpace(*box),
         displacements=held if clamped else (*held, *sides),
         loads=heat if loads is None else loads,
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+        openings=(hhr.Opening(0, slope("gap")),),
     )
 
 
 UNEVEN = (
     hhr.ThermalExpansion(FIRST, "table(T, 0, 0.02, 1, 0.025, 2, 0.027)", "T", lambda x: 1 + 2 * x[0] ** 2),
-    hhr.Eigenstrain(SECOND, hhr.Amplitude(slopes={"T": 0.01}), ((1.0, 0, 0), (0, 2.0, 0), (0, 0, 0))),
+    hhr.Eigenstrain(SECOND, slope("T", 0.01), ((1.0, 0, 0), (0, 2.0, 0), (0, 0, 0))),
     hhr.BodyForce(SECOND, (0.0, -1.0), "0.01 * T**2"),
     hhr.Pressure(two_blocks.side(FIRST, 0, True), "0.02 * sqrt(T)"),
     hhr.Traction(two_blocks.side(SECOND, 0, True), (1.0, 0.5), "0.01 * T"),
@@ -354,7 +354,7 @@ def test_amplitudes_whose_names_are_no_words():
     scene = layers()
     names = ("E1", "nu1", "T - 1", "gap")
     space = dataclasses.replace(scene.parameters, names=names)
-    load = hhr.Eigenstrain(FIRST, hhr.Amplitude(slopes={"T - 1": 1.0}))
+    load = hhr.Eigenstrain(FIRST, slope("T - 1"))
     scene = dataclasses.replace(scene, parameters=space, loads=(load,))
     with pytest.raises(SceneError, match="names of parameters are words"):
         hhr.FullOrderModel(scene)
