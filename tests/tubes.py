@@ -8,20 +8,17 @@ from hhr_dolfinx.geometries import block
 YOUNG, POISSON = 200.0, 0.3
 
 
-def tube(law, pressure, cells=24, poisson=0.3):
-    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one."""
-    return block_scene(
-        "tube",
-        {"p": (0.0, pressure)},
-        lower=(1, 0),
-        upper=(2, 0.2),
-        cells=(cells, 1),
-        hypothesis="axisymmetric",
-        bodies=(hhr.Body(block.SOLID, YOUNG, poisson, law),),
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
-        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
-        loads=(hhr.Pressure(block.side(0, upper=False), slope("p")),),
-    )
+def tube(law, pressure, cells=24, poisson=0.3, **others):
+    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one; ``others`` replace parts of the scene."""
+    given = {
+        "hypothesis": "axisymmetric",
+        "bodies": (hhr.Body(block.SOLID, YOUNG, poisson, law),),
+        "contacts": (hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
+        "displacements": tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
+        "loads": (hhr.Pressure(block.side(0, upper=False), slope("p")),),
+    }
+    box = {"p": (0.0, pressure)}
+    return block_scene("tube", box, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1), **given | others)
 
 
 def in_time(scene):

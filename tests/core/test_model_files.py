@@ -641,7 +641,6 @@ REFUSED = {
 
         ("are negative", array("fields.bound.least", lambda a: a - 1e9)),
         ("not one more than another", put("fields.bound.kept", None)),
-        ("not one more than another", array("fields.bound.loads", lambda a: a[:3])),
         ("estimates of outputs are not those", put("fields.functionals", None)),
         ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),

@@ -117,6 +117,8 @@ def test_a_history_of_an_elastic_model(elastic):
         assert np.array_equal(answer.multipliers, alone.multipliers) and answer.iterations == alone.iterations
         assert np.array_equal(answer.displacement(), alone.displacement())
         start = answer.active
+    with pytest.raises(ParameterError, match="times must increase"):
+        elastic.march([ALONG[0], ALONG[0]])
     # a ten-thousandth further on nothing changes its status
     assert history.iterations[-1] == 1 < elastic.solve(ALONG[-1][1], start=None).iterations
 
@@ -399,7 +401,10 @@ def test_zones(coarse):
         (lambda: hhr.Recipe(trust=True), "trust = True of a recipe must be .*TrustLimits"),
         (lambda: hhr.Recipe(tangents=0.1), r"tangents = 0\.1 of a recipe must be .*Tangents"),
         (lambda: hhr.Recipe(indicator=EquilibriumResidual), r"must have prepared\(problem, basis, sets\)"),
-        *((lambda at=at: hhr.Pod(at), rf"tolerance = {at} of Pod must lie in \(0, 1\)") for at in (-1.0, 0.0, 1.0, np.nan)),
+        *(
+            (lambda at=at: hhr.Pod(at), rf"tolerance = {at} of Pod must lie in \(0, 1\)")
+            for at in (-1.0, 0.0, 1.0, np.nan)
+        ),
         (lambda: hhr.Pod(1e-9, norm="H1"), "norm = 'H1' of a Pod is unknown: 'euclidean', 'energy' or 'l2'"),
         (lambda: hhr.Pod(1e-9, relative="no"), "relative = 'no' of Pod must be True or False"),
         (lambda: hhr.Pod(1e-9, by_body=1), "by_body = 1 of Pod"),
@@ -419,6 +424,7 @@ def test_zones(coarse):
             pytest.param(*case, marks=needs("inelastic"))
             for case in (
                 (lambda: hhr.StressDeim(0.0), r"tolerance = 0\.0 of StressDeim must lie in \(0, 1\)"),
+                (lambda: hhr.StressDeim(np.nan), "tolerance = nan of StressDeim"),
                 (lambda: hhr.FlowDeim("1e-6"), "tolerance = 1e-6 of FlowDeim"),
                 (lambda: hhr.Tangents(states=0), "states = 0 of Tangents"),
                 (lambda: hhr.Tangents(least=1.0), r"least = 1\.0 of Tangents"),

@@ -14,13 +14,11 @@ from mpi4py import MPI
 from needs import MORTAR, needs
 from scenes import block_scene, slope, stacked
 from second_order import bowl, rings
-from test_locking import FAR
-from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.errors import ConvergenceError, LockingWarning, PairingWarning, ParameterError, SceneError
+from hhr_dolfinx.errors import LockingWarning, PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.full_order.locking import gauss_degree, stiffness_degree
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks

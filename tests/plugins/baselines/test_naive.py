@@ -10,20 +10,12 @@ from mpi4py import MPI
 from needs import needs
 from scenes import largest_difference, pressed_block, pressed_pair
 from test_active_set import Twice
+from test_varying import BODIES, MATERIALS, MESHES
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
-
-BODIES = ("E1", "nu1"), ("E2 * (1 + 0.2 * c**2)", "0.3 + 0.1 * sin(c)")
-MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "c": (0.0, 1.0)}
-MESHES = {
-    "plane_strain": {"cells": 3},
-    "plane_stress": {"cells": 3, "simplices": True},
-    "axisymmetric": {"cells": 3, "matching": False},
-    "solid": {"cells": 2},
-}
 
 
 def check_like(full, point, tolerance):

@@ -4,13 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from kept_values import array, put, rewrite_model
 from needs import needs
 from scenes import pressed_pair
 from test_outputs import small_pellet
 from toy_functional import SmoothPeak
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.errors import ModelFileError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.differences import outputs as output_difference
 
@@ -102,3 +103,15 @@ def test_outputs_of_pairs_of_blocks(hypothesis):
 def test_the_full_model_has_exact_outputs(pellet):
     found = pellet.full_order.solve((100.0, 3.0)).estimate().outputs
     assert found == {output.name: 0.0 for output in pellet.full_order.scene.outputs}
+
+
+@pytest.mark.parametrize("change", [
+    *(array(f"fields.output_bound.{name}", lambda a: a[:-1]) for name in ("least", "free", "pressed")),
+    array("fields.output_bound.least", lambda a: -0.5 - np.abs(a)), put("fields.functionals", None),
+])  # fmt: skip
+def test_arrays_that_cannot_be(change, poor, tmp_path):
+    """Signed anew after a change: of fewer outputs or rows, a negative size, estimates of outputs without outputs."""
+    hhr.save_model(tmp_path / "model.npz", poor)
+    rewrite_model(tmp_path / "model.npz", change)
+    with pytest.raises(ModelFileError, match="output"):
+        hhr.load_model(tmp_path / "model.npz")

@@ -17,7 +17,7 @@ from friction_random import NONE, layout, random_problem, violation
 from mpi4py import MPI
 from needs import needs
 from parts import fretting_study
-from scenes import block_scene, slope, space
+from scenes import slope
 from sheared import PATH, driven, round_block, rubbing
 
 import hhr_dolfinx as hhr

@@ -314,8 +314,9 @@ def test_settings_with_an_address_are_found_again(tmp_path):
 
 
 def test_what_has_no_values_is_refused_by_name(tmp_path):
-    with pytest.raises(StudyError, match=r"holds <.*lock.*no digest .* frozen dataclass"):
-        kept(tmp_path, Greedy(start=Fixed(threading.Lock())))
+    for start in (Fixed(threading.Lock()), Shifted(guarded)):
+        with pytest.raises(StudyError, match=r"holds <.*lock.*no digest .* frozen dataclass"):
+            kept(tmp_path, Greedy(start=start))
     circle = []
     circle.append(circle)
     with pytest.raises(StudyError, match="more than 50 deep, or itself"):
@@ -455,8 +456,3 @@ def test_a_digest_knows_what_functions_read(value, holder, name, other, monkeypa
         assert digest_of_values(value, "it") != before
         assert (digest_of_values(stepped, "it") == unread) == (name != "STEP")
     assert digest_of_values(value, "it") == before
-
-
-def test_a_global_that_has_no_values_is_refused(tmp_path):
-    with pytest.raises(StudyError, match=r"holds <.*lock.*no digest .* frozen dataclass"):
-        kept(tmp_path, Greedy(start=Shifted(guarded)))

@@ -13,7 +13,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import (
-    NotSolvableError,
     OutsideTrainingError,
     OutsideTrainingWarning,
     ParameterError,
@@ -29,7 +28,7 @@ from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.reduction import build as stages
-from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Tangents, Zone
+from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
 
 NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
 RECIPE = hhr.Recipe.flowing(nodes=NODES)
@@ -182,13 +181,6 @@ def test_nothing_to_train_on(demo_pellet):
             hhr.build(demo_pellet[0], of(histories))
 
 
-def test_a_body_that_moves_freely_is_refused():
-    scene = demo.scene(**MESH)
-    loose = tuple(item for item in scene.displacements if item.tag != demo.geometry.PELLET_BOTTOM)
-    with pytest.raises(NotSolvableError, match="can move freely"):
-        hhr.FullOrderModel(dataclasses.replace(scene, displacements=loose))
-
-
 def test_held_out_histories_decide(demo_pellet):
     """A held-out history that the model gets wrong refuses it, or is warned of, by its number."""
     full, histories = demo_pellet
@@ -254,16 +246,6 @@ def test_settings_of_a_march_that_mean_nothing(changes):
     said = "search 'newton' is unknown, one of tangent, frozen, elastic" if name == "search" else name
     with pytest.raises(ParameterError, match=said):
         hhr.MarchSettings(**changes)
-
-
-@pytest.mark.parametrize("step, value, words", [
-    (Pod, 0.0, "tolerance = 0.0 of Pod"), (StressDeim, np.nan, "tolerance = nan of StressDeim"),
-    (FlowDeim, 1.0, "tolerance = 1.0 of FlowDeim"), (Rid, -3, "layers = -3"),
-    (lambda states: Tangents(states=states), 0, "states = 0 of Tangents"), (Tangents, 1.0, "least = 1.0 of Tangents"),
-])  # fmt: skip
-def test_recipes_of_flow_that_mean_nothing(step, value, words):
-    with pytest.raises(ReductionError, match=words):
-        step(value)
 
 
 FIRST, LAST = demo.path(10.0)[0][1], demo.path(10.0)[-1][1]
@@ -362,23 +344,6 @@ def test_histories_held_out_may_come_from_a_generator(demo_pellet):
         of(histories[0])
     with pytest.raises(ReductionError, match="what march returns"):
         of([None])
-
-
-def test_a_model_without_laws_marches_by_what_it_is():
-    """There was a march for models with laws alone: without any the answers are those of single points."""
-    scene = demo.scene(**MESH)
-    elastic = tuple(dataclasses.replace(body, law=None) for body in scene.bodies)
-    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=elastic))
-    assert full.equilibrium is None
-    history = full.march(demo.path(10.0, 4))
-    for (time, point), answer in zip(demo.path(10.0, 4)[1:], history.answers, strict=True):
-        assert answer.time == time and answer.gauss is None and not answer.plastic_strain().any()
-        alone = full.solve(point)
-        assert np.array_equal(answer.active, alone.active)
-        size = np.abs(alone.displacement()).max()
-        assert answer.displacement() == pytest.approx(alone.displacement(), abs=1e-12 * size)
-    with pytest.raises(ParameterError, match="times must increase"):
-        full.march([(0.0, demo.path(10.0)[0][1]), (0.0, demo.path(10.0)[1][1])])
 
 
 @pytest.mark.parametrize("law", [hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)])
