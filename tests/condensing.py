@@ -1,11 +1,11 @@
 """Small models of condensed flow: a tube in a wall, a pellet in its cladding, made once, and how histories compare."""
 
-import dataclasses
 from functools import cache
 
 import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
+import scenes
 from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
@@ -41,14 +41,10 @@ def apart(one, other, names=("displacement", "forces")):
 
 def walled_tube(law, wall=2.003, cells=6, poisson=0.3, young=YOUNG, unit=1.0, **space):
     """The thick tube with its pressure in a wall that it reaches; ``unit`` is that of stress."""
-    base = tube(law, unit, cells=cells, poisson=poisson)
-    box = {"p": (0.0, unit)} | space
-    return dataclasses.replace(
-        base,
-        bodies=(dataclasses.replace(base.bodies[0], young=young),),
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), wall),),
-        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
-    )
+    bodies = (hhr.Body(block.SOLID, young, poisson, law),)
+    contacts = (hhr.Obstacle(block.side(0, upper=True), (1, 0), wall),)
+    given = {"parameters": scenes.space(p=(0.0, unit), **space), "bodies": bodies, "contacts": contacts}
+    return tube(law, unit, cells, **given)
 
 
 def up(pressure, steps=8, dt=0.1, constants=()):

@@ -6,7 +6,7 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.formulas import coordinate_names
-from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.reduction.projection import reduced_domain
 
 THESIS = hhr.Recipe.thesis(1e-8)
@@ -226,6 +226,24 @@ def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **other
         "simplices": simplices,
     }
     return pair_scene("stacked", {"p": (0.1, 1.0)}, first, second, ((3.0, 0.3), (5.0, 0.2)), **given | others)
+
+
+def lying(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):
+    """A block that lies on another one, held by contact alone, and is pressed down by a force."""
+    under, over = stacked_blocks.LOWER, stacked_blocks.UPPER
+    pressed = hhr.Traction(stacked_blocks.outer_end(over, 2), (sideways, -1.0), slope("p"))
+    surfaces = (stacked_blocks.interface(body, 2) for body in (under, over))
+    given = {
+        "name": "floating",
+        "geometry": lambda comm: stacked_blocks.stacked_blocks(comm, lower=cells, upper=cells, bulge=bulge),
+        "hypothesis": "plane_strain",
+        "bodies": (hhr.Body(under, 2000.0, 0.3), hhr.Body(over, young, 0.3)),
+        "contacts": (hhr.NodeToNode(*surfaces, (0.0, 1.0)),),
+        "displacements": hhr.Displacement.clamp(stacked_blocks.outer_end(under, 2), 2),
+        "loads": (pressed, hhr.Traction(two_blocks.side(over, 0, False), (0.0, -1.0), tilt)),
+        "parameters": space(p=(1.0, 10.0)),
+    }
+    return hhr.Scene(**(given | changes))
 
 
 def references_at(points, full, training):

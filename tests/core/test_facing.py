@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from needs import MORTAR, needs, present
-from scenes import slope, space
+from scenes import pair_scene, slope
 from test_pairings_independent import make
 
 import hhr_dolfinx as hhr
@@ -170,13 +170,14 @@ def pressed_squares(pairing, dim, *, whole, simplices=False):
     tags = (2, 1) if whole else (two_blocks.side(2, up, False), two_blocks.side(1, up, True))
     below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
     held = *hhr.Displacement.clamp(below, dim), *hhr.Displacement.clamp(above, up)
-    return hhr.Scene(
-        name="pressed_squares",
+    return pair_scene(
+        "pressed_squares",
+        {"down": (0.0, 0.05)},
+        *boxes,
+        ((1e3, 0.0),) * 2,
         geometry=geometry,
         hypothesis="plane_strain" if dim == 2 else "solid",
-        bodies=(hhr.Body(1, 1e3, 0.0), hhr.Body(2, 1e3, 0.0)),
         contacts=(pairing(*tags),),
-        parameters=space(down=(0.0, 0.05)),
         displacements=(*held, hhr.Displacement(above, up, slope("down", -1.0))),
         outputs=(hhr.LargestPressure("pressure", 0), hhr.ContactForce("force", 0, (0.0,) * up + (1.0,))),
     )

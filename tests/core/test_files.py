@@ -47,10 +47,6 @@ def small_reduction(small):
 # ---------------------------------------------------------------- writing
 
 
-def fails(number):
-    return Mock(side_effect=OSError(number, os.strerror(number)))
-
-
 def write_a_report(folder, reduction):
     from hhr_dolfinx.plugins.studies.report import write_report
 
@@ -74,7 +70,7 @@ WRITERS |= {"answers.csv": write_an_answer} if present("tables") else {}
 def test_a_failed_write_leaves_the_old_file(name, number, remedy, small_reduction, tmp_path, monkeypatch):
     """And says what to do."""
     (tmp_path / name).write_text("old")
-    monkeypatch.setattr(os, "fsync", fails(number))
+    monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(number, os.strerror(number))))
     with pytest.raises(FileError, match=rf"{name} cannot be written \({os.strerror(number)}\): .*{remedy}") as caught:
         WRITERS[name](tmp_path, small_reduction)
     assert isinstance(caught.value, OSError)

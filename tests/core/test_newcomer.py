@@ -10,6 +10,7 @@ from toy_law import Bingham
 from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries import block
 
@@ -68,10 +69,6 @@ def test_nodes_in_contact_lie_on_the_punch(pressed):
     assert len(touching) > 4 and 0 < min(touching) and max(touching) < len(normals) / 2
 
 
-def error(found, exact):
-    return np.linalg.norm(found - exact) / np.linalg.norm(exact)
-
-
 def test_reduced_model_of_the_punch(pressed, tmp_path):
     """From snapshots to the file: answers at points neither trained on nor held out, and the same ones from disk."""
     problem = pressed.problem
@@ -85,9 +82,9 @@ def test_reduced_model_of_the_punch(pressed, tmp_path):
     for point in problem.parameters.random(20, seed=2):
         exact, answer = pressed.solve(point), reduction.solve(point)
         # measured at worst, with the disc: 1.4e-4 and 0.7 %, between training points; round-off at half of the points
-        assert error(answer.displacement(), exact.displacement()) < 5e-4
-        assert error(answer.multipliers, exact.forces()[rid.A_lambda]) < 0.02
-        assert error(answer.forces(), exact.forces()) < 0.02
+        assert relative_error(answer.displacement(), exact.displacement()) < 5e-4
+        assert relative_error(answer.multipliers, exact.forces()[rid.A_lambda]) < 0.02
+        assert relative_error(answer.forces(), exact.forces()) < 0.02
         read = stored.solve(point)
         # round-off: a file answers by LAPACK, a model that was built by PETSc
         assert np.abs(read.forces() - answer.forces()).max() < 1e-11 * max(answer.forces().max(), exact.forces().max())

@@ -20,6 +20,7 @@ import numpy as np
 from mpi4py import MPI
 import test_rows, toy_steps, your_scene
 from needs import present
+from scenes import lying
 import hhr_dolfinx as hhr
 warnings.simplefilter("ignore")
 comm = MPI.COMM_WORLD
@@ -30,8 +31,7 @@ bodies = spring, dataclasses.replace(roller, young="E"), stop
 box = hhr.ParameterSpace(("travel", "lowered", "E"), (0.05, 0.0, 2e3), (1.0, 0.3, 5e3))
 scenes = {{"outputs": plain}}
 if present("floating"):
-    import test_floating
-    scenes = {{"contact alone holds": test_floating.scene(cells=(16, 8), tilt=0.2), **scenes}}
+    scenes = {{"contact alone holds": lying(cells=(16, 8), tilt=0.2), **scenes}}
 if present("moduli"):
     scenes = {{"moduli that vary": dataclasses.replace(plain, bodies=bodies, parameters=box), **scenes}}
 recipes = {{

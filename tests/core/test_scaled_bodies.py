@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from needs import needs
-from scenes import largest_difference, pressed_pair, slope_errors
+from scenes import largest_difference, lying, pressed_pair, slope_errors
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ScaledBodies
@@ -60,13 +60,11 @@ def test_gradients_are_those_of_differences(full):
 @needs("floating")
 def test_a_body_that_only_contact_holds():
     """Its rigid motions do not depend on the modulus; the same scene with a number in its place."""
-    from test_floating import scene as lying_block
-
     space = hhr.ParameterSpace(("p", "E"), (1.0, 500.0), (10.0, 2000.0))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "body 2 .* moves along axis 0", SceneWarning)
-        varying = hhr.FullOrderModel(lying_block(young="E", tilt=0.2, parameters=space))
-        plain = hhr.FullOrderModel(lying_block(young=700.0, tilt=0.2))
+        varying = hhr.FullOrderModel(lying(young="E", tilt=0.2, parameters=space))
+        plain = hhr.FullOrderModel(lying(young=700.0, tilt=0.2))
     assert varying.system.bodies is not None and varying.problem.held_by_contact
     answer, other = varying.solve([4.0, 700.0]), plain.solve(4.0)
     assert largest_difference(answer.displacement(), other.displacement()) < 1e-10

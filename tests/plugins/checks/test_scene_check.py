@@ -14,7 +14,7 @@ import pytest
 import ufl
 import your_scene
 from needs import needs
-from scenes import pressed_block, slope
+from scenes import lying, pressed_block, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError
@@ -25,7 +25,6 @@ from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, worst_cell
 
-LOWER, UPPER = stacked_blocks.LOWER, stacked_blocks.UPPER
 
 
 @pytest.fixture(autouse=True)
@@ -41,23 +40,6 @@ def nothing_is_solved(monkeypatch):
 
 def texts(found: SceneCheck, *levels: str) -> list[str]:
     return [finding.text for finding in found.findings if finding.level in levels]
-
-
-def stacked(**changes) -> hhr.Scene:
-    """A block that lies on another one and is pressed down by a force."""
-    given = {
-        "name": "stacked",
-        "geometry": lambda comm: stacked_blocks.stacked_blocks(comm, lower=(8, 4), upper=(8, 4), bulge=0.0),
-        "hypothesis": "plane_strain",
-        "bodies": (hhr.Body(LOWER, 2000.0, 0.3), hhr.Body(UPPER, 1000.0, 0.3)),
-        "contacts": (
-            hhr.NodeToNode(stacked_blocks.interface(LOWER, 2), stacked_blocks.interface(UPPER, 2), (0.0, 1.0)),
-        ),
-        "displacements": hhr.Displacement.clamp(stacked_blocks.outer_end(LOWER, 2), 2),
-        "loads": (hhr.Traction(stacked_blocks.outer_end(UPPER, 2), (0.0, -1.0), slope("p")),),
-        "parameters": hhr.ParameterSpace(("p",), (1.0,), (10.0,)),
-    }
-    return hhr.Scene(**(given | changes))
 
 
 HEALTHY = (
@@ -196,7 +178,7 @@ def test_a_load_that_reaches_nothing_is_a_mistake():
 
 def test_bodies_held_by_contact_are_named_with_their_motions():
     """The block that lies on the other may slide, which nothing drives."""
-    notes = texts(check_scene(stacked()), NOTE)
+    notes = texts(check_scene(lying(bulge=0.0)), NOTE)
     assert any(re.search(r"body 2 .*held by contact alone, .*moves along axis 0, moves along axis 1, turns", n)
                for n in notes)  # fmt: skip
     assert all("body 1" not in note for note in notes)
@@ -204,7 +186,9 @@ def test_bodies_held_by_contact_are_named_with_their_motions():
 
 def test_a_body_that_nothing_holds_and_that_touches_another_one():
     """The only contact is with a floor."""
-    found = check_scene(stacked(contacts=(hhr.Obstacle(stacked_blocks.interface(LOWER, 2), (0.0, 1.0), 10.0),)))
+    found = check_scene(
+        lying(bulge=0.0, contacts=(hhr.Obstacle(stacked_blocks.interface(stacked_blocks.LOWER, 2), (0.0, 1.0), 10.0),))
+    )
     assert any(re.search(r"body 2 .* can move freely", text) for text in texts(found, MISTAKE))
     assert any(re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text) for text in texts(found, NOTE))
 

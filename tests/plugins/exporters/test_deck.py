@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
-from scenes import slope
+from scenes import pair_scene, slope
 from shell import AT, DEMO, invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.plugins.exporters.deck import write_deck
 
 
@@ -22,20 +22,18 @@ def pressed(hypothesis, simplices):
     dim = 3 if hypothesis == "solid" else 2
     up = dim - 1
     cells = (3,) * dim
-    low, high = ((1.0,) + (0.0,) * up, (2.0,) + (1.0,) * up)
-    second = ((1.0,) + (0.0,) * (up - 1) + (1.0,), (2.0,) + (1.0,) * (up - 1) + (2.0,), cells)
+    first = (1.0,) + (0.0,) * up, (2.0,) + (1.0,) * up, cells
+    second = (1.0,) + (0.0,) * (up - 1) + (1.0,), (2.0,) + (1.0,) * (up - 1) + (2.0,), cells
     inner = side(2, 0, False)
-    return hhr.Scene(
-        name="pressed",
-        geometry=lambda comm: two_blocks(comm, first=(low, high, cells), second=second, simplices=simplices),
+    return pair_scene(
+        "pressed", {"p": (0.0, 10.0)}, first, second, ((1000.0, 0.3), (2000.0, 0.2)),
+        simplices=simplices,
         hypothesis=hypothesis,
-        bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 2000.0, 0.2)),
         contacts=(hhr.NodeToSurface(side(1, up, True), side(2, up, False)),),
         displacements=(*hhr.Displacement.clamp(side(1, up, False), dim),
                        *(hhr.Displacement(inner, k) for k in range(dim - 1))),
         loads=(hhr.Pressure(side(2, up, True), slope("p")),
                hhr.Pressure(side(2, 0, True), slope("p", 0.5))),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (10.0,)),
     )  # fmt: skip
 
 

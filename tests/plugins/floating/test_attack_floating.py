@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
-from scenes import block_scene, pair_scene, slope, space
+from scenes import block_scene, lying, pair_scene, slope, space
 from test_bounds import check, sizes_of
-from test_floating import scene
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -195,7 +194,7 @@ def leaning(cells=(16, 8), largest=0.5, **changes):
     """A crowned block that a force on its side makes lean to either side."""
     outputs = (hhr.GapAt("gap", 0, (0.0, 1.0)), hhr.ContactForce("force", 0, (0.0, 1.0)))
     box = space(p=(1.0, 10.0), t=(-largest, largest))
-    return scene(cells=cells, tilt=slope("t"), parameters=box, outputs=outputs, **changes)
+    return lying(cells=cells, tilt=slope("t"), parameters=box, outputs=outputs, **changes)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from needs import MORTAR, mortar, needs
-from scenes import block_scene, slope, slope_errors, space
+from scenes import block_scene, lying, slope, slope_errors, space
 from scipy.optimize import minimize, nnls
 
 import hhr_dolfinx as hhr
@@ -29,22 +29,6 @@ LEFT = side(UPPER, 0, False)
 pytestmark = pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
 
 
-def scene(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):
-    """A block that lies on another one and is pressed down by a force."""
-    pressed = hhr.Traction(blocks.outer_end(UPPER, 2), (sideways, -1.0), slope("p"))
-    given = dict(
-        name="floating",
-        geometry=lambda comm: blocks.stacked_blocks(comm, lower=cells, upper=cells, bulge=bulge),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(LOWER, 2000.0, 0.3), hhr.Body(UPPER, young, 0.3)),
-        contacts=(hhr.NodeToNode(blocks.interface(LOWER, 2), blocks.interface(UPPER, 2), (0.0, 1.0)),),
-        displacements=hhr.Displacement.clamp(blocks.outer_end(LOWER, 2), 2),
-        loads=(pressed, hhr.Traction(LEFT, (0.0, -1.0), tilt)),
-        parameters=space(p=(1.0, 10.0)),
-    )
-    return hhr.Scene(**(given | changes))
-
-
 def residual(full, answer):
     """Forces out of balance on free dofs, over the largest force."""
     problem = full.problem.at(answer.parameter)
@@ -58,7 +42,7 @@ def residual(full, answer):
 @pytest.mark.parametrize("bulge", [0.0, 0.05, 0.5])
 def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
     """The force is known from balance alone: p on a width of 1, and tilt on a side that the gap makes shorter."""
-    full = hhr.FullOrderModel(scene(bulge=bulge, tilt=tilt), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(lying(bulge=bulge, tilt=tilt), MPI.COMM_SELF)
     for p in (1.0, 4.0, 10.0):
         answer = full.solve(p)
         assert residual(full, answer) < 1e-10
@@ -71,7 +55,7 @@ def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
 
 
 def test_what_nothing_drives_stays_at_rest():
-    full = hhr.FullOrderModel(scene(), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(lying(), MPI.COMM_SELF)
     assert full.problem.kernel.idle.shape[1] == 1 and full.problem.kernel.motions.shape[1] == 2
     moved = full.solve(5.0).displacement().reshape(-1, 2)[full.problem.cell_nodes[-32:].ravel(), 0]
     assert abs(full.problem.kernel.idle.T @ full.solve(5.0).displacement()).max() < 1e-12
@@ -79,8 +63,8 @@ def test_what_nothing_drives_stays_at_rest():
 
 
 def test_a_hold_that_carries_nothing_changes_nothing():
-    free = hhr.FullOrderModel(scene(tilt=0.2), MPI.COMM_SELF)
-    one = scene(tilt=0.2)
+    free = hhr.FullOrderModel(lying(tilt=0.2), MPI.COMM_SELF)
+    one = lying(tilt=0.2)
     held = dataclasses.replace(one, displacements=(*one.displacements, hhr.Displacement(side(UPPER, 0, True), 0)))
     # the side may move along itself: what it carries is what keeps it straight, a hundredth of the force
     close = hhr.FullOrderModel(held, MPI.COMM_SELF)
@@ -91,10 +75,10 @@ def test_a_hold_that_carries_nothing_changes_nothing():
 def test_what_nothing_holds_is_named_with_its_motion():
     resists = r"body 2 of scene 'floating', .* moves along axis 0, which no contact resists"
     with pytest.warns(SceneWarning, match=resists):
-        hhr.FullOrderModel(scene(), MPI.COMM_SELF)
-    lone = scene(contacts=(hhr.Obstacle(blocks.interface(LOWER, 2), (0.0, 1.0), 2.0),))
+        hhr.FullOrderModel(lying(), MPI.COMM_SELF)
+    lone = lying(contacts=(hhr.Obstacle(blocks.interface(LOWER, 2), (0.0, 1.0), 2.0),))
     for made, why in (
-        (scene(sideways=0.1), r"moves along axis 0, which loads drive and no contact resists"),
+        (lying(sideways=0.1), r"moves along axis 0, which loads drive and no contact resists"),
         (lone, r"can move freely: it moves along axis 0, .*turns\. Impose"),
     ):
         with pytest.raises(NotSolvableError, match=f"body 2 .* {why}"):
@@ -102,7 +86,7 @@ def test_what_nothing_holds_is_named_with_its_motion():
 
 
 def test_a_body_that_is_pulled_away_has_no_answer():
-    full = hhr.FullOrderModel(scene(parameters=space(p=(-1.0, 10.0))), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(lying(parameters=space(p=(-1.0, 10.0))), MPI.COMM_SELF)
     assert full.solve(-0.5, raise_on_failure=False).status is Status.ADRIFT
     message = r"pull it away.* push it: body 2 .* moves along axis 0, moves along axis 1, turns"
     with pytest.raises(NotSolvableError, match=message):
@@ -112,7 +96,7 @@ def test_a_body_that_is_pulled_away_has_no_answer():
 @pytest.mark.parametrize("young", [1000.0, pytest.param("E", marks=needs("moduli"))])
 def test_gradients_are_those_of_differences(young):
     box = {"p": (1.0, 10.0)} | ({"E": (500.0, 2000.0)} if young == "E" else {})
-    made = scene(young=young, tilt=0.2, parameters=space(**box))
+    made = lying(young=young, tilt=0.2, parameters=space(**box))
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
     reduced = hhr.train(made, full.parameters.grid([4] * len(box)), comm=MPI.COMM_SELF).build()
     at = [5.0, 900.0][: len(box)]
@@ -122,7 +106,7 @@ def test_gradients_are_those_of_differences(young):
 
 @pytest.mark.parametrize("young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))])
 def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
-    made = scene(cells=(16, 8), young=young, tilt=0.2)
+    made = lying(cells=(16, 8), young=young, tilt=0.2)
     training = hhr.train(made, [16], comm=MPI.COMM_SELF)
     full, model = training.full_order, training.build()
     hhr.save_model(tmp_path / "model.npz", model)

@@ -12,7 +12,7 @@ from flowing import SMALL_MESH
 from mpi4py import MPI
 from needs import needs
 from pellet_families import families
-from scenes import pressed_block, pressed_pair, whole_domain
+from scenes import lying, pressed_block, pressed_pair, space, whole_domain
 from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 from scipy.stats import spearmanr
@@ -21,6 +21,7 @@ from toy_greedy import printed_greedy
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
+from hhr_dolfinx.geometries import stacked_blocks
 from hhr_dolfinx.plugins.greedy import greedy as module
 from hhr_dolfinx.plugins.greedy import indicators
 from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
@@ -231,10 +232,8 @@ def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
 @needs("floating")
 def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_door(monkeypatch):
     """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too large."""
-    import test_floating
-
-    scene = test_floating.scene(bodies=(hhr.Body(test_floating.LOWER, "E", 0.3), hhr.Body(test_floating.UPPER, 9, 0.3)),
-                                parameters=hhr.ParameterSpace(("p", "E"), (1.0, 1e3), (10.0, 4e3)))  # fmt: skip
+    bodies = hhr.Body(stacked_blocks.LOWER, "E", 0.3), hhr.Body(stacked_blocks.UPPER, 9, 0.3)
+    scene = lying(bodies=bodies, parameters=space(p=(1.0, 10.0), E=(1e3, 4e3)))
     monkeypatch.setattr("hhr_dolfinx.study.training.train.spread_snapshots", None)
     with pytest.warns(SceneWarning, match="no contact resists"), pytest.raises(StudyError, match="--sobol 128"):
         train(scene, hhr.Greedy())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, WHOLE, apart, condensed, cycle, loaded, up, walled_tube
 from needs import needs
-from scenes import pressed_pair, slope
+from scenes import pressed_pair, slope, space
 from test_flow_moduli import blocks, glued, pressed, push
 
 import hhr_dolfinx as hhr
@@ -245,7 +245,7 @@ def in_units(length, stress):
     moved = (hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0)))
     return hhr.FullOrderModel(dataclasses.replace(
         base, geometry=geometry, displacements=(*held, *moved), loads=(), openings=(),
-        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
+        parameters=space(**box),
     ))  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scenes
 from bare import SCENE_FOLDERS
 from mpi4py import MPI
 from needs import needs
@@ -128,8 +129,7 @@ def test_the_store_tells_shapes_apart(tmp_path, pair):
 
 def tall_block(hypothesis="plane_stress", shape=("w * x", "h * y"), space=None, **others):
     """A block on an obstacle, ``w`` times as wide and ``h`` times as high."""
-    bounds = {"push": (0.0, 0.1), "w": (0.5, 2.0), "h": (0.5, 2.0)} | (space or {})
-    parameters = hhr.ParameterSpace(tuple(bounds), *zip(*bounds.values(), strict=True))
+    parameters = scenes.space(push=(0.0, 0.1), w=(0.5, 2.0), h=(0.5, 2.0), **space or {})
     shapes = (hhr.Shape(block.SOLID, shape),)
     return dataclasses.replace(pressed_block(hypothesis), **{"parameters": parameters, "shapes": shapes} | others)
 

@@ -10,7 +10,7 @@ from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
 from needs import needs
 from parted import by_lapack
-from scenes import check_alike, largest_difference, slope, slope_errors
+from scenes import block_scene, check_alike, largest_difference, pair_scene, slope, slope_errors
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
@@ -18,7 +18,7 @@ from hhr_dolfinx.errors import ModelFileError, SceneError, SceneWarning
 from hhr_dolfinx.geometries import block, two_blocks
 
 HEIGHT, FIRST, SECOND = 2.0, two_blocks.FIRST, two_blocks.SECOND
-BOX = hhr.ParameterSpace(("E", "nu", "T"), (1.0, 0.1, 0.0), (3.0, 0.43, 2.0))
+BOX = {"E": (1.0, 3.0), "nu": (0.1, 0.43), "T": (0.0, 2.0)}
 MU = {"E": 2.0, "nu": 0.27, "T": 1.5}
 SERIES = (0.4, 0.6)
 """Heights of two blocks on each other."""
@@ -27,16 +27,15 @@ SERIES = (0.4, 0.6)
 def alone(hypothesis, loads, *, poisson="nu", held=(), cells=3, lower=None, upper=None, **body):
     """A block of height 2 that stands on its lower sides, far from a wall, under loads."""
     dim = 3 if hypothesis == "solid" else 2
-    up, kept = dim - 1, [place for place, name in enumerate(BOX.names) if isinstance(poisson, str) or name != "nu"]
-    box = [tuple(part[place] for place in kept) for part in (BOX.names, BOX.lower, BOX.upper)]
-    lower, upper = lower or (0.0,) * dim, upper or (1.5,) * up + (HEIGHT,)
-    return hhr.Scene(
-        name="alone",
-        geometry=partial(block.block, lower=lower, upper=upper, cells=np.broadcast_to(cells, dim).tolist()),
+    return block_scene(
+        "alone",
+        {name: BOX[name] for name in BOX if isinstance(poisson, str) or name != "nu"},
+        lower=lower or (0.0,) * dim,
+        upper=upper or (1.5,) * (dim - 1) + (HEIGHT,),
+        cells=np.broadcast_to(cells, dim).tolist(),
         hypothesis=hypothesis,
         bodies=(hhr.Body(block.SOLID, "E", poisson, **body),),
         contacts=(hhr.Obstacle(block.side(0, True), tuple(float(axis == 0) for axis in range(dim)), 10.0),),
-        parameters=hhr.ParameterSpace(*box),
         displacements=(*(hhr.Displacement(block.side(axis, False), axis) for axis in range(dim)), *held),
         loads=loads,
     )
@@ -172,17 +171,16 @@ def layers(*, young="E1", poisson="nu1", clamped=False, loads=None, cells=(6, 4)
     ends = (two_blocks.side(FIRST, 1, False), two_blocks.side(SECOND, 1, True))
     sides = tuple(hhr.Displacement(two_blocks.side(body, 0, False), 0) for body in (FIRST, SECOND))
     held = tuple(hhr.Displacement(end, axis) for end in ends for axis in ((0, 1) if clamped else (1,)))
-    names, lower, upper = ("E1", "nu1", "T", "gap"), (1.0, 0.1, 0.5, 0.0), (3.0, 0.4, 2.0, 0.02)
-    kept = [place for place, name in enumerate(names) if name in (young, poisson, "T", "gap")]
-    box = [tuple(part[place] for place in kept) for part in (names, lower, upper)]
+    moduli = {"E1": (1.0, 3.0), "nu1": (0.1, 0.4)}
+    box = {name: moduli[name] for name in moduli if name in (young, poisson)} | {"T": (0.5, 2.0), "gap": (0.0, 0.02)}
     heat = hhr.ThermalExpansion(FIRST, "0.02 * (1 + 0.1 * T)", "T"), hhr.Eigenstrain(SECOND, "0.01 * T")
-    return hhr.Scene(
-        name="layers",
-        geometry=partial(two_blocks.two_blocks, first=boxes[0], second=boxes[1]),
+    return pair_scene(
+        "layers",
+        box,
+        *boxes,
+        ((young, poisson), (2.0, 0.3)),
         hypothesis="plane_stress",
-        bodies=(hhr.Body(FIRST, young, poisson), hhr.Body(SECOND, 2.0, 0.3)),
         contacts=(hhr.NodeToNode(two_blocks.side(FIRST, 1, True), two_blocks.side(SECOND, 1, False), (0.0, 1.0)),),
-        parameters=hhr.ParameterSpace(*box),
         displacements=held if clamped else (*held, *sides),
         loads=heat if loads is None else loads,
         openings=(hhr.Opening(0, slope("gap")),),
