@@ -1,5 +1,6 @@
 """What a store of snapshots needs of a problem, without a mesh: light to import for processes that are killed."""
 
+import csv
 import io
 import json
 import mmap
@@ -22,9 +23,14 @@ WAIT = 1800
 """Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
 _ROOT = Path(__file__).parent.parent
 _FOLDERS = "tests tests/core tests/plugins/floating demos benchmarks benchmarks/thesis".split()
-_FOLDERS = "tests tests/core tests/plugins/floating demos benchmarks benchmarks/thesis".split()
 SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
 """Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names them for pytest."""
+
+
+def read_csv(path):
+    """Rows of a table by the names of its columns."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def bare_problem(dofs=6, conditions=2):

@@ -183,6 +183,16 @@ def slope_errors(model, point, step=1e-5):
     return np.transpose(errors)
 
 
+def output_slopes(model, point, *names, step=1e-6):
+    """Derivatives of outputs by central differences of a part of the box, (P,) each, by their names."""
+
+    def values(moved):
+        outputs = model.outputs(moved, outside="ignore")
+        return np.array([outputs[name] for name in names])
+
+    return dict(zip(names, model.parameters.differences(values, np.array(point, dtype=float), step), strict=True))
+
+
 def squeezed(deepest):
     """A soft block, squeezed on a rigid floor that is half a length below it."""
     top = block.side(1, True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from needs import MORTAR, needs
-from scenes import check_contact_conditions, slope, space
+from scenes import check_contact_conditions, pair_scene, slope
 from test_pairings import concentric_arcs, shrink_fit
 from test_pairings_independent import chain, make
 
@@ -120,13 +120,14 @@ def strips(pairing, cells, gap, thickness=0.02):
         return mesh, bodies, dmesh.meshtags(mesh, up, sides.indices, values)
 
     ends = [two_blocks.side(body, 0, upper) for body in (1, 2) for upper in (False, True)]
-    return hhr.Scene(
-        name="strips",
+    return pair_scene(
+        "strips",
+        {"p": (0.0, 1.0)},
+        *boxes,
+        ((1e5, 0.3),) * 2,
         geometry=geometry,
         hypothesis="plane_strain" if dim == 2 else "solid",
-        bodies=(hhr.Body(1, 1e5, 0.3), hhr.Body(2, 1e5, 0.3)),
         contacts=(pairing(2, 1),),
-        parameters=space(p=(0.0, 1.0)),
         displacements=tuple(hhr.Displacement(tag, axis) for tag in ends for axis in range(dim)),
         loads=(hhr.Pressure(1, slope("p")),),
     )

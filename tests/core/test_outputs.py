@@ -1,6 +1,5 @@
 """Outputs by name: closed forms, one value from every model, exact derivatives, files, tables and the door."""
 
-import csv
 import dataclasses
 import pickle
 
@@ -8,6 +7,7 @@ import numpy as np
 import pellet_cladding as demo
 import pytest
 import ufl
+from bare import read_csv
 from my_output import MyOutput
 from needs import needs, present
 from scenes import pressed_block, stacked
@@ -206,8 +206,7 @@ def test_a_table_names_outputs_with_their_units(constant, tmp_path):
     model, points = constant.build(), constant.full_order.parameters.random(3, seed=1)
     answers = hhr.answer_points(model, np.vstack([points, [1e9, 1.0]]))
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
-    with open(tmp_path / "answers.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(tmp_path / "answers.csv")
     assert float(rows[0]["peak [MPa]"]) == pytest.approx(model.outputs(points[0])["peak"], rel=1e-10)
     assert rows[3]["energy"] == "" and rows[3]["status"] != "ok"
 

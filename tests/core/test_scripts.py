@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS, WAIT, python
 from needs import needs, present
 
 ROOT = Path(__file__).parents[2]
@@ -198,6 +198,5 @@ def test_a_script_runs_at_its_smallest(name, tmp_path):
 def test_the_file_that_a_demo_reads_is_made_by_its_script(name, ending, tmp_path):
     """The script writes beside itself: a copy of it leaves the repository as it is."""
     copy = Path(shutil.copy(PROGRAMS[name], tmp_path))
-    ended = subprocess.run([sys.executable, str(copy)], capture_output=True, text=True, timeout=WAIT)
-    assert ended.returncode == 0, ended.stderr[-3000:]
+    python(copy)
     assert copy.with_suffix(ending).stat().st_size > 10_000

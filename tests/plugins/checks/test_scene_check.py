@@ -26,7 +26,6 @@ from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, worst_cell
 
 
-
 @pytest.fixture(autouse=True)
 def nothing_is_solved(monkeypatch):
     """A look at a scene must be cheap: no factors, sparse or dense, and no active set."""

@@ -1,11 +1,11 @@
 """A model that falls back on the full one: nothing it hands out is off by more than allowed."""
 
-import csv
 import dataclasses
 
 import numpy as np
 import pellet_cladding as demo
 import pytest
+from bare import read_csv
 from mpi4py import MPI
 from needs import needs
 
@@ -83,8 +83,7 @@ def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     assert (answers.estimates["bound of peak [MPa]"][:8][reduced] > 0).all()
     assert (answers.estimates["bound of area"][:8] >= 0).all()
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
-    with open(tmp_path / "answers.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(tmp_path / "answers.csv")
     assert [row["fell_back"] for row in rows[:8]] == [str(int(one)) for one in fell]
     assert rows[8]["fell_back"] == ""
     (tmp_path / "points.csv").write_text("P1,h1\n" + "\n".join(f"{a},{b}" for a, b in points.tolist()) + "\n")

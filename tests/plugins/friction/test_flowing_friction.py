@@ -10,7 +10,7 @@ from mpi4py import MPI
 from needs import needs
 from sheared import FIRST, SECOND, round_block, rubbing
 from test_friction import resultants
-from test_reduced_friction import OUTPUTS, paths
+from test_reduced_friction import BOX, OUTPUTS, paths
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
@@ -108,8 +108,7 @@ def test_a_large_step_slips_as_small_ones_do():
 
 @pytest.fixture(scope="module")
 def training():
-    box = {"push": (0.0, 0.05), "shear": (-0.05, 0.05), "f": (0.1, 0.6)}
-    scene = rubbing("f", geometry=round_block, box=box, outputs=OUTPUTS, bodies=bodies(0.1))
+    scene = rubbing("f", geometry=round_block, box=BOX | {"shear": (-0.05, 0.05)}, outputs=OUTPUTS, bodies=bodies(0.1))
     every = paths(10, 1, scene.parameters)
     return hhr.train(scene, every[:8], held_out=every[8:])
 

@@ -25,6 +25,8 @@ OUTPUTS = (
     hhr.DissipatedWork("work", 0), hhr.StickArea("sticks", 0), hhr.SlipArea("slips", 0),
 )  # fmt: skip
 
+BOX = {"f": (0.1, 0.6)}
+
 
 def paths(count: int, seed: int, space: hhr.ParameterSpace) -> list:
     """Through random points of the box of loads, with what else varies the same along each; pushed first."""
@@ -43,8 +45,7 @@ def paths(count: int, seed: int, space: hhr.ParameterSpace) -> list:
 
 @pytest.fixture(scope="module")
 def scene():
-    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
-    return rubbing("f", geometry=round_block, box=box, outputs=OUTPUTS)
+    return rubbing("f", geometry=round_block, box=BOX, outputs=OUTPUTS)
 
 
 @pytest.fixture(scope="module")
@@ -162,9 +163,8 @@ def test_a_table_has_its_answers(model):
 
 def test_moduli_are_eliminated_once_along_a_path():
     """Where K~ is not smooth enough to be interpolated; what points of a path share is what each has for itself."""
-    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "E": (3.0, 6.0)}
-    scene = rubbing(0.3, geometry=round_block, box=box)
-    scene = dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], young="E"), scene.bodies[1]))
+    bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
+    scene = rubbing(0.3, geometry=round_block, box={"E": (3.0, 6.0)}, bodies=bodies)
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     known = [full.march(path) for path in paths(6, 1, full.parameters)]
     model = hhr.build(full, hhr.SnapshotSet.of_histories(known), hhr.Recipe.with_friction().as_it_is())
@@ -258,10 +258,9 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
 @pytest.mark.parametrize(("flows", "tolerance"), [(False, None), (False, 5e-3), (True, None)])
 def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
     """Steps are read, with what friction remembers; a tolerance may cut them otherwise. Other friction asks anew."""
-    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
     law = hhr.Plasticity(0.06, 0.5) if flows else None
     bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
-    scene = rubbing("f", box=box, bodies=bodies)
+    scene = rubbing("f", box=BOX, bodies=bodies)
     every = [path[::6] for path in paths(2, 17, scene.parameters)]
     settings = hhr.MarchSettings(time_tolerance=tolerance)
     with warnings.catch_warnings(action="ignore"):
@@ -269,7 +268,7 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
         hhr.train(scene, [every[0], every[1][:3]], march=settings, folder=tmp_path)
         again = hhr.train(scene, every, march=settings, folder=tmp_path)
         assert again.read == len(every[0]) - 1 + 2
-        other = hhr.train(rubbing("0.9 * f", box=box, bodies=bodies), every, march=settings, folder=tmp_path)
+        other = hhr.train(rubbing("0.9 * f", box=BOX, bodies=bodies), every, march=settings, folder=tmp_path)
     assert other.read == 0
     off = 1e-9 if tolerance is None else tolerance
     np.testing.assert_allclose(again.snapshots.forces, wanted.forces, atol=off * np.abs(wanted.forces).max())
@@ -329,7 +328,6 @@ def test_what_is_no_safe_model(training, model):
         hhr.FallbackModel(model, full)
     with pytest.raises(ParameterError, match="ask for of='forces'"):
         training.safe_model(of="pressure")
-    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
     second = hhr.Body(SECOND, 5.0, 0.2)
     others = (
         ("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 3.01, 0.3), second)}), ("f", {"hypothesis": "plane_stress"}),
@@ -337,7 +335,7 @@ def test_what_is_no_safe_model(training, model):
     if present("inelastic"):
         others += (("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)}),)
     for law, how in others:
-        other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=box, **how), MPI.COMM_SELF)
+        other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=BOX, **how), MPI.COMM_SELF)
         with pytest.raises(ReductionError, match=r"of another scene|bodies that flow"):
             hhr.FallbackModel(model, other, of="forces")
 

@@ -1,7 +1,6 @@
 """Histories in a store: what was solved is never solved again, whatever ended the run; and only what is the same."""
 
 import importlib.util
-import subprocess
 import sys
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
-from bare import SCENE_FOLDERS, WAIT, BareFull, bare_problem, on_disk
+from bare import SCENE_FOLDERS, BareFull, bare_problem, on_disk, python
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham
@@ -161,8 +160,7 @@ tests.computed(tests.flowing.flowing_full(), sys.argv[1])
 
 
 def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
-    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True, timeout=WAIT)
-    assert run.returncode == -9, run.stderr[-2000:]
+    python("-c", KILLED, tmp_path, code=-9)
     assert len(list(tmp_path.glob("*.npz"))) == 3 and len(list(tmp_path.glob("*.part"))) == 1
     history, store = computed(full, tmp_path)
     # another process assembles the same bits, or nothing would be found

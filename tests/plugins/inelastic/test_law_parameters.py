@@ -1,14 +1,12 @@
 """Constants of laws that are formulas of the parameters: the same bits, cut steps, what is refused, ends of tables."""
 
 import dataclasses
-import subprocess
-import sys
 from typing import Literal
 
 import numpy as np
 import pytest
 import varied
-from bare import WAIT
+from bare import python
 from marched import flat
 from test_plastic import axial, bar, of_all_functions
 from toy_law import Bingham
@@ -118,7 +116,7 @@ def test_laws_of_numbers_load_no_formulas():
         "material.update(np.zeros((2, 4)), material.at_rest(), 1.0, tangent=True)\n"
         "assert 'hhr_dolfinx.formulas' not in sys.modules\n"
     )
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=WAIT)
+    python("-c", program)
 
 
 def test_the_whole_basis_gives_the_full_history(full):

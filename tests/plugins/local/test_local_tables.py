@@ -1,10 +1,10 @@
 """Local models in tables, on ranks, and where the full model answers in their place."""
 
-import csv
 import dataclasses
 
 import numpy as np
 import pytest
+from bare import read_csv
 from needs import needs
 from parted import pellet_training, three_models, varying_set
 from scenes import largest_difference
@@ -59,8 +59,7 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
         least = 1e-13 * answer.outputs()["peak"]
         assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(bound, rel=1e-6, abs=least)
     assert hhr.write_answers(tmp_path / "answers.csv", local.parameters, answers) == 1
-    with open(tmp_path / "answers.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_csv(tmp_path / "answers.csv")
     assert [row["model"] for row in rows] == [*(f"{number:.0f}" for number in numbers[:-1]), ""]
     assert list(rows[0]).index("model") == list(rows[0]).index("force_0") - 1
     np.savetxt(tmp_path / "points.csv", points, delimiter=",", header="P1,h1", comments="")
@@ -90,8 +89,7 @@ def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
         launch(ranks, ["-c", ON_RANKS, str(tmp_path / "local.npz"), str(tmp_path / "points.csv"), str(out)])
         texts.append(out.read_text())
     assert texts[0] == texts[1]
-    with open(tmp_path / "answers2.csv", newline="") as file:
-        assert {row["model"] for row in csv.DictReader(file)} == {"0", "1", "2"}
+    assert {row["model"] for row in read_csv(tmp_path / "answers2.csv")} == {"0", "1", "2"}
 
 
 @needs("tables")
@@ -105,8 +103,7 @@ def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
         estimate = local.solve(points[k]).estimate()
         assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
-    with open(tmp_path / "answers.csv", newline="") as file:
-        rows = list(csv.DictReader(file))[:40]
+    rows = read_csv(tmp_path / "answers.csv")[:40]
     assert all((row["model"] == "") == (row["fell_back"] == "1") for row in rows)
     alone = hhr.answer_points(hhr.FallbackModel(local.models[0], training.full_order), points[:2])
     assert list(alone.columns) == ["fell_back"]

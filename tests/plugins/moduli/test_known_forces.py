@@ -5,7 +5,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from needs import needs
-from scenes import largest_difference, pressed_pair
+from scenes import largest_difference, output_slopes, pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.formulas import coordinate_names
@@ -89,15 +89,7 @@ def test_outputs_of_forces_make_no_field(name, request, monkeypatch):
 def test_outputs_of_forces_keep_their_derivatives(materials):
     point = materials.parameters.random(3, 4)[1]
     found = materials.outputs(point, gradient=True)
-    for name in ("peak", "force"):
-        slopes = []
-        for place, (low, high) in enumerate(zip(materials.parameters.lower, materials.parameters.upper, strict=True)):
-            ends = []
-            for sign in (-1, 1):
-                moved = point.copy()
-                moved[place] += sign * 1e-6 * (high - low)
-                ends.append(materials.outputs(moved)[name])
-            slopes.append((ends[1] - ends[0]) / (2e-6 * (high - low)))
+    for name, slopes in output_slopes(materials, point, "peak", "force").items():
         # differences of 1e-6 of the box: their square, and round-off of 1e-10 over it
         assert found.gradient[name] == pytest.approx(slopes, rel=1e-4, abs=1e-5 * np.abs(slopes).max())
 

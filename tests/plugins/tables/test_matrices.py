@@ -1,12 +1,9 @@
 """Contact problems given as matrices: the answers of the full order that they are of, what fits nothing, no DOLFINx."""
 
-import subprocess
-import sys
-
 import contract
 import numpy as np
 import pytest
-from bare import WAIT
+from bare import python
 from mpi4py import MPI
 from needs import needs
 from scipy import sparse
@@ -191,5 +188,4 @@ assert not loaded, loaded
 
 
 def test_springs_by_hand_and_without_dolfinx():
-    done = subprocess.run([sys.executable, "-c", SPRINGS], capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 0, done.stderr
+    python("-c", SPRINGS)

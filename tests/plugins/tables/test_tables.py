@@ -1,12 +1,9 @@
 """Long tables: answered block by block, resumed where they were killed, one file in the end."""
 
-import csv
-import subprocess
-import sys
-
 import contract
 import numpy as np
 import pytest
+from bare import python, read_csv
 from needs import needs, present
 from rich.console import Console
 
@@ -151,8 +148,7 @@ def test_many_bad_rows_are_counted_and_some_are_told(model, tmp_path):
 
 def test_rows_in_blocks_are_those_of_one_by_one(model, rows, tmp_path):
     answer_table(model, rows, tmp_path / "a.csv", quiet())
-    with open(tmp_path / "a.csv", newline="") as file:
-        table = list(csv.DictReader(file))
+    table = read_csv(tmp_path / "a.csv")
     for k in (0, 6, 8, 22):
         answer = model.solve([float(cell) for cell in rows[k].cells], outside="ignore")
         # 12 digits are written
@@ -185,8 +181,7 @@ def test_commands_without_dolfinx(model, rows, tmp_path):
     names = model.parameters.names
     (tmp_path / "q.csv").write_text("\n".join([",".join(names), *(",".join(row.cells) for row in rows[:3])]) + "\n")
     at = ",".join(f"{name}={cell}" for name, cell in zip(names, rows[0].cells, strict=True))
-    run = subprocess.run([sys.executable, "-c", WITHOUT, at], cwd=tmp_path, capture_output=True, text=True, timeout=100)
-    assert run.returncode == 0, run.stderr[-2000:]
+    run = python("-c", WITHOUT, at, cwd=tmp_path)
     assert "3 answers and 0 bad rows" in run.stdout and "largest displacement" in run.stdout
     assert "3 error: DOLFINx is not installed (no module mpi4py)" in run.stdout
     assert "MissingPackageError DOLFINx is not installed" in run.stdout and "hhr_dolfinx[solver]" in run.stdout
