@@ -39,12 +39,12 @@ def apart(one, other, names=("displacement", "forces")):
     return found
 
 
-def walled_tube(law, wall=2.003, cells=6, poisson=0.3, young=YOUNG, unit=1.0, **space):
-    """The thick tube with its pressure in a wall that it reaches; ``unit`` is that of stress."""
-    bodies = (hhr.Body(block.SOLID, young, poisson, law),)
+def walled_tube(law, wall=2.003, cells=6, **space):
+    """The thick tube with its pressure in a wall that it reaches."""
+    bodies = (hhr.Body(block.SOLID, YOUNG, 0.3, law),)
     contacts = (hhr.Obstacle(block.side(0, upper=True), (1, 0), wall),)
-    given = {"parameters": scenes.space(p=(0.0, unit), **space), "bodies": bodies, "contacts": contacts}
-    return tube(law, unit, cells, **given)
+    given = {"parameters": scenes.space(p=(0.0, 1.0), **space), "bodies": bodies, "contacts": contacts}
+    return tube(law, 1.0, cells, **given)
 
 
 def up(pressure, steps=8, dt=0.1, constants=()):

@@ -29,11 +29,12 @@ def flowing_reduction(full):
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), hhr.Recipe.flowing().as_it_is())
 
 
-def pellet_of_moduli(young=("E", "78e3 * w"), space=PELLET_SPACE, **others):
-    """The small flowing scene with other moduli."""
+def pellet_of_moduli(**others):
+    """The small flowing scene with moduli of parameters."""
     base = demo.scene(**SMALL_MESH)
-    bodies = tuple(dataclasses.replace(body, young=own) for body, own in zip(base.bodies, young, strict=True))
-    return dataclasses.replace(base, **({"bodies": bodies, "parameters": space} | others))
+    moduli = zip(base.bodies, ("E", "78e3 * w"), strict=True)
+    bodies = tuple(dataclasses.replace(body, young=young) for body, young in moduli)
+    return dataclasses.replace(base, **({"bodies": bodies, "parameters": PELLET_SPACE} | others))
 
 
 def pellet_path(gap=10.0, young=200e3, w=1.1, steps=STEPS):

@@ -104,12 +104,12 @@ def test_a_double_pass_with_poor_inf_sup_warns():
     assert np.linalg.matrix_rank(rows) == len(rows), "still solvable"
 
 
-def strips(pairing, cells, gap, thickness=0.02):
+def strips(pairing, cells, gap):
     """Two strips above each other, held at their ends, with all of their long sides in one surface each."""
     up, dim = len(cells) - 1, len(cells)
     finer = (*(count + 3 for count in cells[:-1]), cells[-1])
 
-    corners = [((0.0,) * up + (low,), (1.0,) * up + (low + thickness,)) for low in (0.0, thickness + gap)]
+    corners = [((0.0,) * up + (low,), (1.0,) * up + (low + 0.02,)) for low in (0.0, 0.02 + gap)]
     boxes = [(*pair, count) for pair, count in zip(corners, (cells, finer), strict=True)]
 
     def geometry(comm):

@@ -55,9 +55,9 @@ def test_double_pass_passes_the_patch_test_in_the_plane():
     assert patch.solve(patch.scene(hhr.DoublePass, (3, 3), (5, 4)))[2] < 1e-10
 
 
-def hertz_with(pairing, by_normal=True):
+def hertz_with(pairing):
     scene = hertz_half_discs.scene()
-    pair = pairing(discs.LOWER_ARC, discs.UPPER_ARC, (0.0, 1.0) if by_normal else None)
+    pair = pairing(discs.LOWER_ARC, discs.UPPER_ARC, (0.0, 1.0))
     return hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pair,)))
 
 

@@ -690,11 +690,11 @@ def test_cells_of_either_side_say_what_is_far():
         hhr.condense(both).march([(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.01, 0.04))])
 
 
-def hovering(friction=0.3):
+def hovering():
     """A block above a floor, held by nothing else, that a force may push down and another one to the side."""
     return on_floor(
         lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(4, 2)),
-        hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.1, friction=friction),
+        hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.1, friction=0.3),
         poisson=0.2,
         parameters=hhr.ParameterSpace(("push", "aside"), (0.0, 0.0), (5.0, 1.0)),
         loads=(

@@ -43,11 +43,10 @@ def moving_block():
     return pressed_pair("plane_strain", ((2.0, 0.3), (1.0, 0.2)), box, cells=4)
 
 
-def errors_of(training, model, count=60, seed=5):
+def errors_of(training, model, count=60):
     """Of the forces on the whole surface at random points."""
-    references = references_at(
-        training.full_order.parameters.random(count, seed), training.full_order, training.snapshots
-    )
+    points = training.full_order.parameters.random(count, 5)
+    references = references_at(points, training.full_order, training.snapshots)
     return references, references.errors(model)
 
 

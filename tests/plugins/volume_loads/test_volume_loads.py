@@ -164,10 +164,10 @@ def nodal_forces(scene, load):
     return term.columns.reshape(-1, discretisation.mesh.geometry.dim)
 
 
-def layers(*, young="E1", poisson="nu1", clamped=False, loads=None, cells=(6, 4)):
+def layers(*, young="E1", poisson="nu1", clamped=False, loads=None):
     """Two blocks on each other that grow into a gap, in plane stress; clamped, they do so unevenly."""
     low, high = SERIES
-    boxes = ((0.0, 0.0), (1.0, low), cells), ((0.0, low), (1.0, low + high), cells)
+    boxes = ((0.0, 0.0), (1.0, low), (6, 4)), ((0.0, low), (1.0, low + high), (6, 4))
     ends = (two_blocks.side(FIRST, 1, False), two_blocks.side(SECOND, 1, True))
     sides = tuple(hhr.Displacement(two_blocks.side(body, 0, False), 0) for body in (FIRST, SECOND))
     held = tuple(hhr.Displacement(end, axis) for end in ends for axis in ((0, 1) if clamped else (1,)))
