@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from bare import read_csv
+from launched import launch
 from needs import needs
 from parted import pellet_training, three_models, varying_set
 from scenes import largest_difference
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.console import make_console

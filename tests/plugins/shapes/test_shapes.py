@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scenes
 from bare import SCENE_FOLDERS
+from launched import launch
 from mpi4py import MPI
 from needs import needs
 from scenes import (
@@ -19,7 +20,6 @@ from scenes import (
     pressed_pair,
     slope_errors,
 )
-from test_mpi import launch
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
