@@ -207,7 +207,7 @@ def squeezed(deepest):
     )
 
 
-def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **others):
+def stacked(dim, simplices=False, pairing="node to node", bodies=((3.0, 0.3), (5.0, 0.2)), *, alike=True, **others):
     """Two blocks of edge 1, one pressed on the other by the pressure ``p``: the stress is uniform.
 
     With "obstacle" the lower one rests on a rigid floor; ``alike`` if nodes face each other.
@@ -235,7 +235,7 @@ def stacked(dim, simplices=False, pairing="node to node", *, alike=True, **other
         "loads": (hhr.Pressure(side(on_top, last, True), slope("p")),),
         "simplices": simplices,
     }
-    return pair_scene("stacked", {"p": (0.1, 1.0)}, first, second, ((3.0, 0.3), (5.0, 0.2)), **given | others)
+    return pair_scene("stacked", {"p": (0.1, 1.0)}, first, second, bodies, **given | others)
 
 
 def lying(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):

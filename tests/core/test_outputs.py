@@ -10,7 +10,7 @@ import ufl
 from bare import read_csv
 from my_output import MyOutput
 from needs import needs, present
-from scenes import pressed_block, stacked
+from scenes import pressed_block, space, stacked
 from scipy.spatial.transform import Rotation
 
 import hhr_dolfinx as hhr
@@ -81,9 +81,8 @@ def constant():
 
 def pressed_stack(dim, outputs):
     """Two blocks whose contact is everywhere under the pressure p; the upper one is twice as stiff."""
-    bodies = hhr.Body(FIRST, YOUNG, 0.3), hhr.Body(SECOND, 2 * YOUNG, 0.3)
-    box, hypothesis = hhr.ParameterSpace(("p",), (0.5,), (4.0,)), "plane_stress" if dim == 2 else "solid"
-    return stacked(dim, hypothesis=hypothesis, bodies=bodies, parameters=box, outputs=outputs)
+    bodies, hypothesis = ((YOUNG, 0.3), (2 * YOUNG, 0.3)), "plane_stress" if dim == 2 else "solid"
+    return stacked(dim, bodies=bodies, hypothesis=hypothesis, parameters=space(p=(0.5, 4.0)), outputs=outputs)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
