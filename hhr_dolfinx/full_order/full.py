@@ -422,7 +422,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
         assert self.functionals is not None
         forces, field = self.coordinate_changes(answer, changes)
         return forces, self.functionals.at(answer.parameter).measured(field)

@@ -71,24 +71,6 @@ class _Gradient(dict[str, np.ndarray]):
         )
 
 
-class MeasuredFields(Protocol):
-    """Additional interface of fields with outputs, see :class:`models.answer.Fields`."""
-
-    @property
-    def functionals(self) -> Functionals | None:
-        """Outputs of the scene; None if it has none."""
-
-    def measured(self, answer: object, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
-
-    def measured_changes(self, answer: object, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
-
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output depends on forces,
-        their derivatives may be left out.
-        """
-
-
 class ShapeFunctionals(Protocol):
     """All outputs of a scene whose shape depends on parameters: :class:`Functionals` on each shape.
 
@@ -109,7 +91,7 @@ class ShapeFunctionals(Protocol):
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
 
     def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces and of these products, see :class:`MeasuredFields`."""
+        """See :class:`~models.displacement.LinearDisplacement`."""
 
     def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
         """Derivatives of all outputs along the shape parameters at fixed states, (outputs, P)."""

@@ -225,7 +225,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return found + self.factors.compliances(answer.parameter) @ elastic
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
         assert answer.gradient is not None
         per_mode, given, per_force, forced = self._measures
         theta = self._dense(answer.parameter)
