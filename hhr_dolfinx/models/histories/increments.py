@@ -7,7 +7,6 @@ until their difference, which the law measures, is small; the difference is abou
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -16,7 +15,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.histories.path import check_settings, left_with
 from hhr_dolfinx.one_thread import one_thread
 
 PROPORTIONAL = 4
@@ -193,7 +192,7 @@ def follow(
     reached = increments.at_rest(*path[0], weights[0])
     error = 0.0
     warned = False
-    try:
+    with left_with(history):
         for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
             if number < len(known) and not settings.gradient:
                 answer = known[number]
@@ -218,10 +217,6 @@ def follow(
             history.cuts += answer.parts > 1
             history.answers.append(answer)
             keep(answer)
-    except BaseException as stop:
-        with suppress(AttributeError):
-            stop.history = history  # type: ignore[attr-defined]
-        raise
     return history
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,17 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
     return checked
 
 
+@contextmanager
+def left_with(history: History) -> Iterator[None]:
+    """Give what ends a block, a keyboard interrupt too, an attribute ``history`` with the steps before."""
+    try:
+        yield
+    except BaseException as stop:  # a law may raise anything, and a user may interrupt
+        with suppress(AttributeError):
+            stop.history = history  # type: ignore[attr-defined]
+        raise
+
+
 def solve_along(
     model: Model,
     path: Path,
@@ -66,7 +77,7 @@ def solve_along(
     check_settings(settings)
     history = History(*path[0])
     start: str | np.ndarray = "nearest"
-    try:
+    with left_with(history):
         for number, (time, point) in enumerate(path[1:]):
             if number < len(known):
                 answer = known[number]
@@ -78,8 +89,4 @@ def solve_along(
                 keep(answer)
             history.answers.append(answer)
             start = answer.active
-    except BaseException as stop:
-        with suppress(AttributeError):
-            stop.history = history  # type: ignore[attr-defined]
-        raise
     return history
