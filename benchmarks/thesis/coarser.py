@@ -35,7 +35,7 @@ class CoarserMesh:
 
 @dataclass(frozen=True)
 class _CarriedOver(ElasticFields):
-    """Fields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.Fields`."""
+    """Fields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
     coarse: ContactProblem
     fine: ContactProblem

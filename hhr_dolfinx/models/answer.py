@@ -43,33 +43,6 @@ class Meshed(Protocol):
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
 
 
-class Fields(Protocol):
-    """Completion of an answer: computes fields on the whole mesh from the unknown of a model."""
-
-    @property
-    def full(self) -> Meshed | None:
-        """The full model, which has the mesh; None if it is not available."""
-
-    @property
-    def unbounded(self) -> str:
-        """Reason why errors are not estimated; empty if they are."""
-
-    def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement, lift included, (N,)."""
-
-    def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on the whole contact surface, (N_lambda,)."""
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, (places, components)."""
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """Error estimate of an answer; None if the model has none."""
-
-    def estimates(self, many: Any) -> Estimates | None:
-        """Error estimates of many answers; None if they are computed one by one."""
-
-
 class Completion(Protocol):
     """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh.
 
@@ -93,7 +66,9 @@ class Completion(Protocol):
 
 
 class ModelFields:
-    """Parts that the fields of a model may have; parts that a kind of model lacks are None.
+    """Completes answers: computes fields on the whole mesh from the unknown of a model.
+
+    Parts that a kind of model lacks are None.
 
     Attributes:
         bound: bounds the error of an answer.
@@ -132,6 +107,22 @@ class ModelFields:
         known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement, lift included, (N,)."""
+        raise NotImplementedError
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """Contact forces on the whole contact surface, (N_lambda,)."""
+        raise NotImplementedError
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in Kelvin's notation, (places, components)."""
+        raise NotImplementedError
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Error estimate of an answer; None if the model has none."""
+        return None
+
     def estimates(self, many: Any) -> Estimates | None:
         """Error estimates of :class:`~models.many.ManyAnswers`; None if they are computed one by one."""
         return None
@@ -143,10 +134,6 @@ class ElasticFields(ModelFields):
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,); a copy, which the caller may change."""
         return answer.multipliers.copy()
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """None: these fields have no error estimate."""
-        return None
 
 
 class Answer(NamedTuple):
@@ -178,7 +165,7 @@ class Answer(NamedTuple):
     iterations: int
     status: Status
     cycled: bool
-    fields: Fields
+    fields: ModelFields
     time: float = math.nan
     gradient: Gradient | None = None
     time_error: float = math.nan
@@ -524,7 +511,7 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
 
 
 def unanswered(
-    parameter: np.ndarray, sizes: tuple[int, int], fields: Fields, status: Status = Status.UNDEFINED
+    parameter: np.ndarray, sizes: tuple[int, int], fields: ModelFields, status: Status = Status.UNDEFINED
 ) -> Answer:
     """An answer of NaN, for a model with these numbers of unknowns and conditions."""
     unknowns, conditions = sizes
@@ -532,6 +519,6 @@ def unanswered(
     return Answer(parameter, *nothing, 0, status, False, fields)
 
 
-def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: Fields) -> Answer:
+def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields) -> Answer:
     """Answer from the result of the active set and the unknown under its forces."""
     return Answer(parameter, unknown, found.forces, found.active, found.iterations, found.status, found.cycled, fields)

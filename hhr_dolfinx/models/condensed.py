@@ -17,7 +17,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.models.answer import Answer, CheckedStart, Fields, SeveralAnswers, outcome
+from hhr_dolfinx.models.answer import Answer, CheckedStart, ModelFields, SeveralAnswers, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -54,7 +54,7 @@ class CondensedModel(KeptModel):
         parameters: ParameterSpace,
         eliminated: Elimination,
         known: KnownStatuses,
-        fields: Fields,
+        fields: ModelFields,
         pairs: Annotated[Integers, "m"] | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
@@ -132,7 +132,7 @@ class CondensedModel(KeptModel):
         """True if critical regions are tabulated: amplitudes are affine, and the tables not too large."""
         return self._regions is not None
 
-    def completed_by(self, fields: Fields) -> CondensedModel:
+    def completed_by(self, fields: ModelFields) -> CondensedModel:
         """The same model with other fields: on another mesh, or of another unknown."""
         model = copy(self)
         model.fields = fields

@@ -239,7 +239,7 @@ def known_error(fields: Any) -> str:
     """Description of the errors that are estimated for answers with some fields, or the reason why there are none.
 
     Args:
-        fields: see :class:`~hhr_dolfinx.models.answer.Fields`.
+        fields: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
     kind = fields.estimated
     if fields.bound is not None:

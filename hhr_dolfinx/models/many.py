@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status, settled
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -43,7 +43,7 @@ class ManyAnswers(SeveralAnswers):
     active: np.ndarray
     status: list[Status]
     iterations: np.ndarray
-    fields: Fields
+    fields: ModelFields
 
     def __getitem__(self, k: int) -> Answer:
         """Answer to one point."""
@@ -51,7 +51,7 @@ class ManyAnswers(SeveralAnswers):
         return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
 
     @classmethod
-    def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
+    def of(cls, answers: list[Answer], fields: ModelFields) -> ManyAnswers:
         """Array form of answers found one by one, one or more."""
         points, unknown, forces, active = (
             np.array([getattr(answer, name) for answer in answers])

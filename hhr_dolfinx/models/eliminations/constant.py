@@ -17,7 +17,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
 from hhr_dolfinx.plain import CODE, Rebuilt
 
@@ -129,7 +129,7 @@ class CriticalRegions:
         regions = [_region(eliminated, active, columns) for active in distinct]
         return cls(known, [regions[k] for k in which.ravel()])
 
-    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
+    def answer(self, point: np.ndarray, fields: ModelFields) -> Answer | None:
         """Answer to a point, (P,); None if the nearest statuses do not hold there."""
         nearest = self._known.nearest(point)
         region = self._maps[nearest]

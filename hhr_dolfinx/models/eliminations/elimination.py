@@ -22,7 +22,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import Factor, LapackLU, solve_columns
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers, found_as, one_by_one
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.kernel import CondensedKernel
@@ -79,7 +79,7 @@ class CondensedContact:
 class AnswerTable(Protocol):
     """Tabulated answers."""
 
-    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
+    def answer(self, point: np.ndarray, fields: ModelFields) -> Answer | None:
         """Answer to a point, (P,); None if the table has none."""
 
 
@@ -120,7 +120,7 @@ def answer_of(
     point: np.ndarray,
     start: np.ndarray | None,
     pairs: Pairs | None,
-    fields: Fields,
+    fields: ModelFields,
     *,
     gradient: bool = False,
 ) -> Answer:

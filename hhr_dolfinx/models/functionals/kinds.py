@@ -113,7 +113,7 @@ class Largest(OfPressures):
     def slopes(self, state: State) -> Slopes:
         """Slopes of the condition where the maximum is attained."""
         pressures = self.pressures(state)
-        place = pressures.argmax()
+        place = int(pressures.argmax())
         return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place))
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:

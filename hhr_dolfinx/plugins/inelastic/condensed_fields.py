@@ -139,7 +139,7 @@ class PlasticFields:
 
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
-    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`."""
+    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
     amplitudes: Amplitudes  # θ as a function of the parameters
     factors: PartFactors  # moduli of the parts of the stiffness
