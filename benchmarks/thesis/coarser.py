@@ -29,7 +29,7 @@ class CoarserMesh:
     def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
         condensed = exact_condensation(coarse, compute_snapshots(coarse, points).known_statuses())
         fields = _CarriedOver(coarse.problem, fine, _matching_bodies(coarse.problem, fine), condensed.fields)
-        self._online = condensed.completed_by(fields)
+        self._online = condensed.changed(fields=fields)
         self.solve, self.march = self._online.solve, self._online.march
 
 

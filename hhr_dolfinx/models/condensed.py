@@ -7,7 +7,6 @@ elimination, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from functools import cached_property
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -68,8 +67,6 @@ class CondensedModel(KeptModel):
         self.advice = dict(advice)
         self.pairs = pairs
         self.law = law
-        # if the whole box was trained, its own check is enough
-        self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs = Pairs.of(pairs)
         self._m = known.active.shape[1]
         self._regions = None if law.remembers else eliminated.table_of(known)
@@ -99,10 +96,10 @@ class CondensedModel(KeptModel):
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)
-        if self._range is not None:
-            inside = ((checked >= self._range.lower) & (checked <= self._range.upper)).all(axis=1)
+        if self._limit is not None:
+            inside = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
             for point in checked[~inside]:
-                self._range.check(point, outside)
+                self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
     def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
@@ -131,9 +128,3 @@ class CondensedModel(KeptModel):
     def tabulated(self) -> bool:
         """True if critical regions are tabulated: amplitudes are affine, and the tables not too large."""
         return self._regions is not None
-
-    def completed_by(self, fields: ModelFields) -> CondensedModel:
-        """The same model with other fields: on another mesh, or of another unknown."""
-        model = copy(self)
-        model.fields = fields
-        return model

@@ -98,8 +98,6 @@ class AnsweringModel(Shown):
     law: ContactLaw = UNILATERAL
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
-    _range: TrainedRange | None = None
-    """Range outside of which points raise a warning or an error; None if the whole box was trained."""
     usual_outside: ClassVar[str] = "warn"
     of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
@@ -219,9 +217,7 @@ class AnsweringModel(Shown):
         return answer
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """Warn of, or refuse, a point, (P,), outside the training range."""
-        if self._range is not None:
-            self._range.check(point, outside)
+        """Warn of, or refuse, a point, (P,), outside the training range; here the whole box."""
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along one path: the contact problem of each point, (P,), without its primal unknown."""
@@ -335,14 +331,14 @@ class KeptModel(AnsweringModel):
     """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """See :class:`AnsweringModel`; the training range counts in every kind of model."""
+        """See :class:`AnsweringModel`."""
         if self._limit is not None:
             self._limit.check(point, outside)
 
     @cached_property
     def _limit(self) -> TrainedRange | None:
         """The training range; None if it is the whole box."""
-        trained = self.trained if self._range is None else self._range
+        trained = self.trained
         return trained if isinstance(trained, TrainedRange) and not trained.covers(self.parameters) else None
 
     def _arguments(self) -> dict[str, Any]:
