@@ -23,8 +23,7 @@ RESTARTS = 50
 def extreme_eigenvalue(prepared: Callable[[], Any]) -> tuple[float, float] | None:
     """The eigenvalue for which SLEPc solvers are set up, and its relative residual; None if they find none.
 
-    Args:
-        prepared: returns a new solver. A solver that has failed keeps its count of restarts, and would stop at once.
+    ``prepared`` returns a new solver: one that has failed keeps its count of restarts, and would stop at once.
     """
     from slepc4py import SLEPc
 

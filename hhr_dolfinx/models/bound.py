@@ -51,10 +51,8 @@ class ForceScale:
 def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
     """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the error is not.
 
-    Args:
-        kind: see :class:`~hhr_dolfinx.models.estimates.Estimate`.
-        errors: of displacement and forces in energy, of forces in the Euclidean norm, and of pressures, (4, n).
-        least: denominators of relative errors, in the same norms, (4, n).
+    Errors, and denominators of relative ones, are those of displacement and forces in energy, of forces in the
+    Euclidean norm, and of pressures, (4, n) each.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(errors == 0, 0.0, errors / np.maximum(least, 0.0))

@@ -94,16 +94,12 @@ class PartedAnswers(SeveralAnswers):
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
         """Combine the answers of each model to its rows, one or more, and the numbers of the models by row."""
-        count = len(model)
-        points = np.empty((count, parts[0][1].points.shape[1]))
-        iterations = np.zeros(count, dtype=np.int64)
-        status = [Status.CONVERGED] * count
-        for rows, many in parts:
-            points[rows] = many.points
-            iterations[rows] = many.iterations
-            for row, found in zip(rows, many.status, strict=True):
-                status[row] = found
-        return cls(points, model, status, iterations, tuple(parts))
+        places = [rows for rows, _ in parts]
+        points, iterations = (
+            _by_rows(places, [getattr(many, name) for _, many in parts]) for name in ("points", "iterations")
+        )
+        status = {row: found for rows, many in parts for row, found in zip(rows.tolist(), many.status, strict=True)}
+        return cls(points, model, [status[row] for row in range(len(model))], iterations, tuple(parts))
 
     def __getitem__(self, k: int) -> Answer:
         """Answer to one point."""
@@ -116,11 +112,7 @@ class PartedAnswers(SeveralAnswers):
 
     def forces(self) -> np.ndarray:
         """See :meth:`SeveralAnswers.forces`."""
-        found = [(rows, many.forces()) for rows, many in self.parts]
-        forces = np.empty((len(self), found[0][1].shape[1]))
-        for rows, part in found:
-            forces[rows] = part
-        return forces
+        return self._gathered([many.forces() for _, many in self.parts])
 
     def estimates(self) -> Estimates | None:
         """See :meth:`SeveralAnswers.estimates`."""
@@ -128,15 +120,16 @@ class PartedAnswers(SeveralAnswers):
 
     def outputs(self) -> dict[str, np.ndarray]:
         """See :meth:`ManyAnswers.outputs`."""
-        return self._gathered([(rows, many.outputs()) for rows, many in self.parts])
+        found = [many.outputs() for _, many in self.parts]
+        return {name: self._gathered([outputs[name] for outputs in found]) for name in found[0]}
 
-    def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
-        """Columns by name in the order of the points."""
-        columns = {name: np.full(len(self), np.nan) for name in found[0][1]}
-        for rows, part in found:
-            for name, values in part.items():
-                columns[name][rows] = values
-        return columns
+    def _gathered(self, values: list[np.ndarray]) -> np.ndarray:
+        return _by_rows([rows for rows, _ in self.parts], values)
+
+
+def _by_rows(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+    """Values of parts, (k, ...) each, in the order of all rows; each row belongs to one part."""
+    return np.concatenate(values)[np.argsort(np.concatenate(places))]
 
 
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
@@ -146,13 +139,8 @@ def answers_by_statuses(
 ) -> ManyAnswers:
     """Answers of a condensed model of constant stiffness to checked points, (n, P).
 
-    Args:
-        model: solves the points whose batch does not converge.
-        amplitudes: θ as a function of the parameters.
-        responses: of the eliminated unknown.
-        response: free slack followed by the free unknown, (m + n, 1 + T).
-        points: the parameters.
-        how: further arguments of its ``solve``.
+    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves the points whose batch
+    does not converge, with further arguments of its ``solve``, ``how``.
     """
     schur = responses.schur
     per_force = responses.primal_per_force

@@ -33,8 +33,7 @@ class HasEqualities(Protocol):
     """A value with equality problems on S."""
 
     @property
-    def equalities(self) -> SchurEqualities:
-        """See above."""
+    def equalities(self) -> SchurEqualities: ...  # noqa: D102
 
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
@@ -168,14 +167,9 @@ class Responses:
     def eliminate(
         cls, factor: Factor, loads: np.ndarray, gaps: np.ndarray, test: np.ndarray, trial: np.ndarray
     ) -> Responses:
-        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
+        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ, with a factor of K.
 
-        Args:
-            factor: of K.
-            loads: (n, 1 + T).
-            gaps: (m, 1 + T).
-            test: rows by which forces act, (m, n).
-            trial: rows by which gaps are read, (m, n).
+        Loads are (n, 1 + T), gaps (m, 1 + T), test and trial rows (m, n).
         """
         free = solve_columns(factor, loads)
         per_force = solve_columns(factor, test.T)

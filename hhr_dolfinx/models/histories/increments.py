@@ -173,15 +173,14 @@ def follow(
     keep: Callable[[Answer], None] = lambda answer: None,
     watch: Callable[[Answer], None] | None = None,
 ) -> History:
-    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of the path.
+    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of a checked path.
 
     Args:
         model: with a ``law``, and ``increments`` that solve by it.
-        path: as :func:`~hhr_dolfinx.models.histories.path.checked_path` returns it.
+        path, known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
         settings: ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
         weights: derivatives of the parameters at each time of the path along those of the whole history, (times, P). 1
             by default: each parameter is shifted by the same at all times.
-        known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
         watch: called with the answer of each increment, also of the parts of a step.
     """
     check_settings(settings)

@@ -15,11 +15,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 
 def check_settings(settings: object) -> None:
-    """Refuse invalid settings of a history.
-
-    Raises:
-        ParameterError: with the value given.
-    """
+    """Raise ParameterError for settings of a history that are no MarchSettings."""
     if not isinstance(settings, MarchSettings):
         raise ParameterError(f"the settings {settings!r} of a history must be MarchSettings, or left out")
 
@@ -66,13 +62,9 @@ def solve_along(
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
-    """History of an elastic model: every point is solved from the statuses of the one before.
+    """History of an elastic model along a checked path: every point is solved from the statuses of the one before.
 
-    Args:
-        model: full, reduced or condensed.
-        path: as :func:`checked_path` returns it.
-        settings: ``outside`` counts.
-        known, keep: see :meth:`FullOrderModel.march`.
+    Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
     history = History(*path[0])
