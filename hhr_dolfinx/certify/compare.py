@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import (
-    Residuals,
-    Solutions,
-    contact_residuals,
-    mass_norm,
-    norm,
-    relative_error,
-)
+from hhr_dolfinx.certify.accuracy import Residuals, Solutions, contact_residuals, mass_norm, norm, relative_error
 from hhr_dolfinx.errors import FarSlidingWarning, HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, History, Model
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, facet_of, told_once
