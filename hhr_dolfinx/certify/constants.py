@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -143,7 +143,7 @@ def _smallest_by_inversion(matrix: csr_matrix) -> float:
     entries = matrix.indptr, matrix.indices, matrix.data
     operator = PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
 
-    def prepared() -> Any:
+    def prepared() -> SLEPc.EPS:
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("hhr_stability_")
         solver.setOperators(operator)

@@ -8,7 +8,10 @@ without difficulty; a large matrix gets a wide subspace, and a looser tolerance 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from slepc4py import SLEPc
 
 DENSE = 1000
 """Rows up to which LAPACK finds all eigenvalues, in half a second: SLEPc may take as long for a single one."""
@@ -20,7 +23,7 @@ RESTARTS = 50
 """Restarts for each tolerance."""
 
 
-def extreme_eigenvalue(prepared: Callable[[], Any]) -> tuple[float, float] | None:
+def extreme_eigenvalue(prepared: Callable[[], SLEPc.EPS]) -> tuple[float, float] | None:
     """The eigenvalue for which SLEPc solvers are set up, and its relative residual; None if they find none.
 
     ``prepared`` returns a new solver: one that has failed keeps its count of restarts, and would stop at once.

@@ -80,7 +80,6 @@ class FullOrderModel(FullModel):
         NotSolvableError: for bodies that can move freely.
     """
 
-    of_full_order = True
     exact = True
     unbounded = "the full model has no reduction error"
 

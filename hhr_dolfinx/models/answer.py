@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.parameters import PointLike
+    from hhr_dolfinx.parameters import PointLike, PointsLike
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -491,7 +491,7 @@ class Model(Protocol):
         """
 
 
-def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
+def one_by_one(model: Any, table: PointsLike, how: dict[str, Any]) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point."""
     return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
 

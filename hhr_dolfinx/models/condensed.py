@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -102,7 +102,7 @@ class CondensedModel(KeptModel):
                 self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
-    def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
+    def from_contact(self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool) -> Answer:
         """Answer to a point from its contact problem; starts from the nearest training statuses."""
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)

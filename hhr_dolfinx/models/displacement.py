@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import issparse
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
@@ -34,11 +34,11 @@ class LinearDisplacement(ABC):
         """Displacement, lift included, (N,)."""
 
     @abstractmethod
-    def _per_coordinate(self, rows: Any) -> Any:
+    def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
         """Rows of the outputs, (K, N), times C: (K, c)."""
 
     @abstractmethod
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         """Rows of the outputs times X: (K, 1 + T)."""
 
     @abstractmethod
@@ -68,7 +68,7 @@ class LinearDisplacement(ABC):
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     @cached_property
-    def _measures(self) -> tuple[Any, np.ndarray]:
+    def _measures(self) -> tuple[csr_matrix | np.ndarray, np.ndarray]:
         rows = self.functionals.rows
         return self._per_coordinate(rows), self._terms(rows)
 
@@ -101,6 +101,6 @@ class LinearDisplacement(ABC):
         return forces, np.vstack([self._coordinate_changes(answer, changes), changes[self.functionals.lifted]])
 
 
-def dense(matrix: Any) -> np.ndarray:
+def dense(matrix: csr_matrix | np.ndarray) -> np.ndarray:
     """Dense array of a product with few rows."""
-    return matrix.toarray() if issparse(matrix) else np.asarray(matrix)
+    return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()

@@ -6,10 +6,10 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.declared import Floats
@@ -56,7 +56,7 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
         """Zero error: the model is as exact as the full one."""
         return Estimate.exact(self.functionals) if answer.converged else None
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         lifted = dense(rows @ self.lifts)
         return lifted if self._reads_fields else lifted + rows @ self.per_term
 
@@ -100,7 +100,7 @@ class ExactFields(_Exact):
         """From the answer if that has fields."""
         return answer.unknown if answer.unknown.size else self.per_term @ theta - self.per_force @ answer.multipliers
 
-    def _per_coordinate(self, rows: Any) -> Any:
+    def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
         return rows if self.floats else rows @ self.per_force
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
@@ -155,7 +155,7 @@ class SolvedFields(_Exact):
             )
         return self.pushed
 
-    def _per_coordinate(self, rows: Any) -> Any:
+    def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
         return rows if self._reads_fields else self.measured_per_force
 
     def _coordinates(self, answer: Answer) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
@@ -114,7 +114,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Coordinates of the columns of the displacement, (c,): gamma, or a function of all forces."""
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
-        there: Any = self._bound_at(answer)
+        there = self._bound_at(answer)
         forces = there.completed(answer.multipliers[None], self._outside)[0]
         return self._responding.coordinates(answer, there, forces)
 
@@ -222,10 +222,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         forces[self.A_lambda] = gradient.multipliers
         return forces
 
-    def _per_coordinate(self, rows: Any) -> Any:
+    def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
         return rows @ self.basis
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         per_term = dense(rows @ self.lifts)
         return per_term if self.response is None else per_term + (rows @ self.response.loaded) @ self.response.loading
 
@@ -233,7 +233,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         assert answer.gradient is not None
         if self.response is None:
             return answer.gradient.unknown
-        there: Any = self._bound_at(answer)
+        there = self._bound_at(answer)
         return self._responding.changes(
             there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
         )

@@ -7,7 +7,7 @@ until their difference, which the law measures, is small; the difference is abou
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -73,34 +73,38 @@ class Increment(Protocol):
 
     @property
     def reached(self) -> Any:
-        """The :class:`Place` at its end."""
+        """Place at its end."""
 
 
-class Increments(Protocol):
+P = TypeVar("P", bound=Place)
+S = TypeVar("S", bound=Increment)
+
+
+class Increments(Protocol[P, S]):
     """Solves the increments of one history of a model by its law; a facet of the law's plug-in makes it."""
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Any:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:
         """Place of undeformed bodies."""
 
-    def going_on(self, answer: Answer, weights: np.ndarray) -> Any:
+    def going_on(self, answer: Answer, weights: np.ndarray) -> P:
         """Place after a step that the full model solved before."""
 
-    def increment(self, before: Any, target: Target) -> Any:
-        """Solve one increment, an :class:`Increment`; it may not converge."""
+    def increment(self, before: P, target: Target) -> S:
+        """Solve one increment; it may not converge."""
 
-    def compare(self, solved: Any) -> None:
+    def compare(self, solved: S) -> None:
         """Take in the size of an increment, by which differences are measured."""
 
-    def difference(self, before: Any, half: Any, second: Any, whole: Any) -> float:
+    def difference(self, before: P, half: S, second: S, whole: S) -> float:
         """Relative difference of a step in two halves to the whole one."""
 
-    def check(self, place: Any) -> None:
+    def check(self, place: P) -> None:
         """Check the place at the end of a step, and warn."""
 
-    def answer(self, solved: Any) -> Answer:
+    def answer(self, solved: S) -> Answer:
         """Answer of an increment."""
 
-    def advice(self, solved: Any) -> Mapping[Status, str]:
+    def advice(self, solved: S) -> Mapping[Status, str]:
         """Remedy for its status, for messages."""
 
 
@@ -123,7 +127,7 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def advance(self, before: Any, target: Target, depth: int = 0, whole: Any = None) -> Any:
+    def advance(self, before: Place, target: Target, depth: int = 0, whole: Increment | None = None) -> Increment:
         """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
         if whole is None:
             whole = self._solved(before, target)
@@ -147,14 +151,14 @@ class _Step:
         self._ended(middle.time, first)
         return self.advance(first.reached, target, depth + 1)
 
-    def _ended(self, time: float, part: Any) -> None:
+    def _ended(self, time: float, part: Increment) -> None:
         """Report an increment within the step, at a time."""
         self.ends.append(time)
         if self._watch is not None:
             self._watch(self.increments.answer(part))
 
-    def _solved(self, before: Any, target: Target) -> Any:
-        solved = self.increments.increment(before, target)
+    def _solved(self, before: Place, target: Target) -> Increment:
+        solved: Increment = self.increments.increment(before, target)
         if self.tolerance is not None and solved.status is Status.CONVERGED:
             self.increments.compare(solved)
         self.iterations += solved.iterations
@@ -219,7 +223,7 @@ def follow(
     return history
 
 
-def _checked_answer(model: Any, step: _Step, solved: Any) -> Answer:
+def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:
     """Answer at the end of a step; raises an error without one."""
     answer = step.increments.answer(solved)
     answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))

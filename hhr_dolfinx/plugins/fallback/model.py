@@ -20,6 +20,7 @@ from hhr_dolfinx.models.estimates import (
     relative_error,
     relative_errors,
 )
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
@@ -268,7 +269,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
         raise BoundError(
             f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
         )
-    if not (isinstance(full, AnsweringModel) and full.of_full_order):
+    if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
     if reduced.parameters != full.parameters:
         raise ReductionError(

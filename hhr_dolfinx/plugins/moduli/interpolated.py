@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import SchurEqualities
@@ -447,10 +447,10 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
             return np.full(len(self.basis), np.nan)
         return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
-    def _per_coordinate(self, rows: Any) -> Any:
+    def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
         return rows @ self.basis
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
