@@ -34,7 +34,7 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
@@ -103,7 +103,7 @@ class FullOrderModel(FullModel):
             self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
-    def _prepared_outputs(self) -> Functionals | ShapeFunctionals | None:
+    def _prepared_outputs(self) -> AllOutputs | None:
         if not self.scene.outputs:
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of

@@ -74,7 +74,7 @@ class CondensedModel(KeptModel):
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """From the critical region of the nearest statuses if it holds there; else by the active set."""
         if isinstance(start, str):
-            known = None if self._regions is None else self._regions.answer(point, self.fields)
+            known = None if self._regions is None else self._regions(point, self.fields)
             if known is not None:
                 return differentiated(self.eliminated(point), known) if gradient else known
             start = self.known.start(point)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.group import Group
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
     from hhr_dolfinx.models.strains import StrainGuard
     from hhr_dolfinx.parameters import PointLike
 
@@ -77,7 +77,7 @@ class FullModel(AnsweringModel, ModelFields):
     stiffness: SparseStiffness
     store: FactorStore
     keeps_columns: bool
-    functionals: Functionals | ShapeFunctionals | None
+    functionals: AllOutputs | None
     equilibrium: FullEquilibrium | None = None
     strains: StrainGuard
     pairs: Pairs | None

@@ -75,11 +75,8 @@ class CondensedContact:
         return SchurEqualities.of(self.schur, LapackLU)
 
 
-class AnswerTable(Protocol):
-    """Tabulated answers."""
-
-    def answer(self, point: np.ndarray, fields: ModelFields) -> Answer | None:
-        """Answer to a point, (P,); None if the table has none."""
+AnswerTable = Callable[[np.ndarray, ModelFields], Answer | None]
+"""Answer to a point, (P,), with these fields; None if the table has none."""
 
 
 class Elimination(ABC):

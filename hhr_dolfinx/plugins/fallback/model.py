@@ -287,7 +287,7 @@ def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
     if full.law.plugin != own.whole.plugin or full.equilibrium is not None:
         what = "bodies that flow" if full.equilibrium is not None else full.law.name
         raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
-    if differences := own.differences(full, reduced.parameters.random(1, seed=1)[0]):
+    if differences := own.differences(full.problem, reduced.parameters.random(1, seed=1)[0]):
         raise ReductionError(f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}")
 
 
