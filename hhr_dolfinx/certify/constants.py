@@ -100,15 +100,10 @@ class Stability:
 
 @dataclass(frozen=True)
 class FullConstants:
-    """Inf-sup constants beta_h of the full model, computed once for all reduced models of it.
+    """Inf-sup constants beta_h of the full model, computed once for all reduced models of it."""
 
-    Attributes:
-        euclidean: smallest singular value of B; NaN if it is unknown.
-        energy: in the energy norm of displacements and the L2 norm of pressures.
-    """
-
-    euclidean: float
-    energy: float
+    euclidean: float  # smallest singular value of B; NaN if it is unknown
+    energy: float  # in the energy norm of displacements and the L2 norm of pressures
 
     @classmethod
     def of(cls, full: FullModel) -> FullConstants:

@@ -25,25 +25,15 @@ APART = 16
 
 @dataclass(frozen=True, repr=False)
 class ManyAnswers(SeveralAnswers):
-    """Answers of one elastic model to many parameters, as arrays.
+    """Answers of one elastic model to many parameters, as arrays."""
 
-    Attributes:
-        points: parameters, (n, P).
-        unknown: unknown of the model, (n, k); NaN without a solution.
-        multipliers: forces on the contact conditions of the model, (n, m); NaN without a solution.
-        active: their statuses, (n, m) bool.
-        status: why each search stopped.
-        iterations: equality problems solved for each, (n,).
-        fields: completes the answers.
-    """
-
-    points: np.ndarray
-    unknown: np.ndarray
-    multipliers: np.ndarray
-    active: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-    fields: ModelFields
+    points: np.ndarray  # parameters, (n, P)
+    unknown: np.ndarray  # unknown of the model, (n, k); NaN without a solution
+    multipliers: np.ndarray  # forces on the contact conditions of the model, (n, m); NaN without a solution
+    active: np.ndarray  # their statuses, (n, m) bool
+    status: list[Status]  # why each search stopped
+    iterations: np.ndarray  # equality problems solved for each, (n,)
+    fields: ModelFields  # completes the answers
 
     def __getitem__(self, k: int) -> Answer:
         """Answer to one point."""
@@ -75,21 +65,13 @@ class ManyAnswers(SeveralAnswers):
 
 @dataclass(frozen=True, repr=False)
 class PartedAnswers(SeveralAnswers):
-    """Answers of several models to many parameters, each from the model of its point.
+    """Answers of several models to many parameters, each from the model of its point."""
 
-    Attributes:
-        points: parameters, (n, P).
-        model: number of the model that answered each, (n,) int.
-        status: why each search stopped.
-        iterations: equality problems solved for each, (n,).
-        parts: rows and answers of each model that is used.
-    """
-
-    points: np.ndarray
-    model: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]
+    points: np.ndarray  # parameters, (n, P)
+    model: np.ndarray  # number of the model that answered each, (n,) int
+    status: list[Status]  # why each search stopped
+    iterations: np.ndarray  # equality problems solved for each, (n,)
+    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]  # rows and answers of each model that is used
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:

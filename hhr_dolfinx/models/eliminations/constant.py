@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,17 +34,11 @@ PREPARED_BYTES = 16 * 2**20
 
 @dataclass(frozen=True, eq=False)
 class ConstantElimination(Rebuilt, Elimination):
-    """Elimination of constant stiffness, done once.
+    """Elimination of constant stiffness, done once."""
 
-    Attributes:
-        responses: of the eliminated unknown.
-        amplitudes: θ as a function of the parameters.
-        factorise: factors a dense block; files do not keep it.
-    """
-
-    responses: Responses
-    amplitudes: Amplitudes
-    factorise: Factorise = field(default=dense_factors, metadata=CODE)
+    responses: Responses  # of the eliminated unknown
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    factorise: Factorise = field(default=dense_factors, metadata=CODE)  # factors a dense block; files do not keep it
 
     shares_factors = True
 
@@ -101,7 +95,8 @@ class ConstantElimination(Rebuilt, Elimination):
         return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, **how)
 
 
-class CriticalRegions(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class CriticalRegions:
     """Affine map mu -> (forces, slacks, unknown) of each training status: values at mu = 0 and slopes, or None."""
 
     known: KnownStatuses
