@@ -332,11 +332,11 @@ def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
             )
 
 
-def _share(value):
+def _share(value: float) -> str:
     return "infinite" if math.isinf(value) else f"{value:.1%}"
 
 
-def _warn(message, category=StabilityWarning):
+def _warn(message: str, category: type[Warning] = StabilityWarning) -> None:
     warn(message, category, stacklevel=4)
 
 

@@ -491,9 +491,12 @@ class Model(Protocol):
         """
 
 
-def one_by_one(model: Any, table: PointsLike, how: dict[str, Any]) -> ListedAnswers:
+def one_by_one(model: Any, table: PointsLike, raise_on_failure: bool, outside: str) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point."""
-    return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
+    points = model.parameters.points(table)
+    return ListedAnswers(
+        tuple(model.solve(point, raise_on_failure=raise_on_failure, outside=outside) for point in points)
+    )
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:

@@ -117,12 +117,17 @@ def _by_rows(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
 @one_thread
 def answers_by_statuses(
-    model: Any, amplitudes: Amplitudes, responses: Responses, response: np.ndarray, points: np.ndarray, **how: Any
+    model: Any,
+    amplitudes: Amplitudes,
+    responses: Responses,
+    response: np.ndarray,
+    points: np.ndarray,
+    raise_on_failure: bool,
 ) -> ManyAnswers:
     """Answers of a condensed model of constant stiffness to checked points, (n, P).
 
     ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves the points whose batch
-    does not converge, with further arguments of its ``solve``, ``how``.
+    does not converge.
     """
     schur = responses.schur
     per_force = responses.primal_per_force
@@ -139,7 +144,7 @@ def answers_by_statuses(
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
     for k in left:
-        answer = model.solve(points[k], start=active[k].copy(), **how)
+        answer = model.solve(points[k], start=active[k].copy(), raise_on_failure=raise_on_failure, outside="ignore")
         unknown[k] = answer.unknown
         forces[k] = answer.multipliers
         active[k] = answer.active

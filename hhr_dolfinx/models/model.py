@@ -286,8 +286,7 @@ class AnsweringModel(Shown):
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; models of bodies with laws make one step from rest for each."""
-        outside = self._checked_outside(outside)
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+        return one_by_one(self, points, raise_on_failure, self._checked_outside(outside))
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""

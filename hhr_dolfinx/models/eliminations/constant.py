@@ -91,8 +91,7 @@ class ConstantElimination(Rebuilt, Elimination):
         """Answers to many points; equal statuses share factors."""
         from hhr_dolfinx.models.many import answers_by_statuses
 
-        how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": "ignore"}
-        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, **how)
+        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, raise_on_failure)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,8 @@ class HasEqualities(Protocol):
     """A value with equality problems on S."""
 
     @property
-    def equalities(self) -> SchurEqualities: ...  # noqa: D102
+    def equalities(self) -> SchurEqualities:
+        """See above."""
 
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
@@ -108,7 +109,7 @@ class Elimination(ABC):
 
     def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers of a model to checked points, (n, P)."""
-        return one_by_one(model, points, {"raise_on_failure": raise_on_failure, "outside": "ignore"})
+        return one_by_one(model, points, raise_on_failure, "ignore")
 
 
 def answer_of(
