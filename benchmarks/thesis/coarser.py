@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import Answer, ElasticFields, Fields
+from hhr_dolfinx.models.answer import Answer, ElasticFields, ModelFields
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import compute_snapshots
 
@@ -29,18 +29,18 @@ class CoarserMesh:
     def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
         condensed = exact_condensation(coarse, compute_snapshots(coarse, points).known_statuses())
         fields = _CarriedOver(coarse.problem, fine, _matching_bodies(coarse.problem, fine), condensed.fields)
-        self._online = condensed.completed_by(fields)
+        self._online = condensed.changed(fields=fields)
         self.solve, self.march = self._online.solve, self._online.march
 
 
 @dataclass(frozen=True)
 class _CarriedOver(ElasticFields):
-    """Fields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.Fields`."""
+    """ModelFields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
     coarse: ContactProblem
     fine: ContactProblem
     bodies: list[tuple[np.ndarray, np.ndarray]]
-    fields: Fields
+    fields: ModelFields
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Interpolated linearly in each body, (N,)."""

@@ -66,7 +66,7 @@ class DualBasisModel:
 
 @dataclass(frozen=True)
 class _ConeFields(ElasticFields):
-    """Fields of a basis and of a cone, see :class:`hhr_dolfinx.models.answer.Fields`."""
+    """Fields of a basis and of a cone, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
     order: FullOrderModel
     basis: np.ndarray

@@ -28,34 +28,27 @@ ROUND_OFF = 1e-14
 
 
 class Solutions(Protocol):
-    """Answers of a full model, for training or validation; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`.
-
-    Attributes:
-        points: parameters, (S, P).
-        displacements: U0, (N, S), local rows of it if the full model is distributed.
-        forces: Λ, (N_lambda, S).
-        active: statuses, (N_lambda, S) bool.
-        histories: for laws that remember, the load paths whose steps these answers are.
-        states: memory of laws of bodies; empty for elastic bodies.
-    """
+    """Answers of a full model, for training or validation; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`."""
 
     @property
-    def points(self) -> np.ndarray: ...  # noqa: D102
+    def points(self) -> np.ndarray:
+        """Parameters, (S, P)."""
 
     @property
-    def displacements(self) -> np.ndarray: ...  # noqa: D102
+    def displacements(self) -> np.ndarray:
+        """U0, (N, S), local rows of it if the full model is distributed."""
 
     @property
-    def forces(self) -> np.ndarray: ...  # noqa: D102
+    def forces(self) -> np.ndarray:
+        """Λ, (N_lambda, S)."""
 
     @property
-    def active(self) -> np.ndarray: ...  # noqa: D102
+    def histories(self) -> Sequence[History]:
+        """For laws that remember, the load paths whose steps these answers are."""
 
     @property
-    def histories(self) -> Sequence[History]: ...  # noqa: D102
-
-    @property
-    def states(self) -> Sequence[Memory]: ...  # noqa: D102
+    def states(self) -> Sequence[Memory]:
+        """Memory of laws of bodies; empty for elastic bodies."""
 
     def take(self, rows: np.ndarray) -> Solutions:
         """Select some of them, by number."""

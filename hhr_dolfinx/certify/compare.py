@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import (
-    Residuals,
-    Solutions,
-    contact_residuals,
-    mass_norm,
-    norm,
-    relative_error,
-)
+from hhr_dolfinx.certify.accuracy import Residuals, Solutions, contact_residuals, mass_norm, norm, relative_error
 from hhr_dolfinx.errors import FarSlidingWarning, HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, History, Model
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, facet_of, told_once
@@ -24,6 +17,7 @@ from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 ONE_ANSWER = 1e-6
@@ -110,7 +104,7 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
     return Comparison.of(rows)
 
 
-def compare_on_s(model: Any) -> Comparison:
+def compare_on_s(model: AnsweringModel) -> Comparison:
     """Errors at random new points, for a model whose bounds solve the contact problem on S anyway.
 
     A few points in hundreds have large errors, where a body tilts or a contact has just closed; validation points may

@@ -10,23 +10,34 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 
 if TYPE_CHECKING:
+    from slepc4py import SLEPc
+
     from hhr_dolfinx.models.full import FullModel
 
 
 logger = logging.getLogger(__name__)
+
+DENSE = 1000
+"""Rows up to which LAPACK finds all eigenvalues, in half a second: SLEPc may take as long for a single one."""
+SUBSPACE = 64
+"""Vectors of the subspace. Of 216 rows of mortar on tetrahedra 16 vectors needed 475 restarts, and 64 vectors 4."""
+TOLERANCES = (1e-10, 1e-5, 1e-3)
+"""Relative residuals, tried in this order: some eigenvalue is as near as the residual."""
+RESTARTS = 50
+"""Restarts for each tolerance."""
 
 
 @dataclass(frozen=True)
@@ -89,15 +100,10 @@ class Stability:
 
 @dataclass(frozen=True)
 class FullConstants:
-    """Inf-sup constants beta_h of the full model, computed once for all reduced models of it.
+    """Inf-sup constants beta_h of the full model, computed once for all reduced models of it."""
 
-    Attributes:
-        euclidean: smallest singular value of B; NaN if it is unknown.
-        energy: in the energy norm of displacements and the L2 norm of pressures.
-    """
-
-    euclidean: float
-    energy: float
+    euclidean: float  # smallest singular value of B; NaN if it is unknown
+    energy: float  # in the energy norm of displacements and the L2 norm of pressures
 
     @classmethod
     def of(cls, full: FullModel) -> FullConstants:
@@ -135,6 +141,27 @@ def smallest_singular_value(rows: csr_matrix) -> float:
     return math.sqrt(scale * value) if value > DEPENDENT else 0.0
 
 
+def extreme_eigenvalue(prepared: Callable[[], SLEPc.EPS]) -> tuple[float, float] | None:
+    """The eigenvalue for which SLEPc solvers are set up, and its relative residual; None if they find none.
+
+    On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other: a small subspace does not separate
+    them. Only the value is needed: the subspace is wide, and the tolerance looser if the strict one is not reached.
+    ``prepared`` returns a new solver: one that has failed keeps its count of restarts, and would stop at once.
+    """
+    from slepc4py import SLEPc
+
+    for tolerance in TOLERANCES:
+        solver = prepared()
+        solver.setDimensions(1, SUBSPACE)
+        solver.setTolerances(tolerance, RESTARTS)
+        solver.setFromOptions()
+        solver.solve()
+        if solver.getConverged():
+            residual = solver.computeError(0, SLEPc.EPS.ErrorType.RELATIVE)
+            return float(solver.getEigenvalue(0).real), float(residual)
+    return None
+
+
 def _smallest_by_inversion(matrix: csr_matrix) -> float:
     """Smallest eigenvalue of a positive semi-definite sparse matrix, by SLEPc; NaN if it finds none."""
     from petsc4py import PETSc
@@ -143,7 +170,7 @@ def _smallest_by_inversion(matrix: csr_matrix) -> float:
     entries = matrix.indptr, matrix.indices, matrix.data
     operator = PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
 
-    def prepared() -> Any:
+    def prepared() -> SLEPc.EPS:
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("hhr_stability_")
         solver.setOperators(operator)

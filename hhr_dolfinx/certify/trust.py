@@ -15,10 +15,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import (
-    Solutions,
-    force_floor,
-)
+from hhr_dolfinx.certify.accuracy import Solutions, force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_histories, compared_laws
 from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
@@ -96,11 +93,8 @@ class TrustLimits:
         for item in fields(self):
             value: Any = getattr(self, item.name)
             signed = item.name == "warn_definite"
-            if (
-                not isinstance(value, Real)
-                or isinstance(value, bool)
-                or not (float(value) >= 0 or (signed and value < 0))
-            ):
+            least = -math.inf if signed else 0.0
+            if not isinstance(value, Real) or isinstance(value, bool) or not float(value) >= least:
                 raise ReductionError(
                     f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
                     "math.inf for no limit"
@@ -147,7 +141,12 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
         return
     twins = ""
     if problem is not None and sets is not None:
-        _check_parallel(problem, sets)
+        if same := _parallel_rows(problem.contact[sets.A_lambda]):
+            raise NotSolvableError(
+                f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
+                "imposed: no basis tells their forces apart, thesis (1.67). Leave one of the two contacts out, or end "
+                "their surfaces at different nodes"
+            )
         twins = _twins(problem, sets)
     raise NotSolvableError(
         "the contact rows are dependent on the reduced basis, thesis (1.67): "
@@ -155,20 +154,10 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
     )
 
 
-def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
-    """Raise NotSolvableError if conditions of the RID are equivalent for any basis."""
-    if same := _parallel_rows(problem.contact[sets.A_lambda]):
-        raise NotSolvableError(
-            f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
-            "imposed: no basis tells their forces apart, thesis (1.67). Leave one of the two contacts out, or end "
-            "their surfaces at different nodes"
-        )
-
-
 def _twins(problem: ContactProblem, sets: IndexSets) -> str:
-    """Message about conditions of the RID that hold one node along one normal, and the remedy; empty without any.
+    """Message on conditions of the RID that hold one node along one normal; only modes of the other side separate them.
 
-    The node moves them equally, so that only modes of the opposite surface separate their forces.
+    Empty without any.
     """
     normals = np.zeros((len(sets.A_lambda), problem.block_size))
     for row, number in zip(normals, sets.A_lambda, strict=True):
@@ -277,14 +266,17 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
 
 def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:
     """Warn of no or few validation solutions; one path of laws that remember counts as many points."""
-    if held_out is not None and (paths or len(held_out.points) >= FEW):
+    if held_out is None:
+        warning = (
+            "no solutions were kept out of training: the model is compared with its own training only, and its error "
+            "elsewhere is unknown"
+        )
+    elif paths or len(held_out.points) >= FEW:
         return
-    warning = (
-        "no solutions were kept out of training: the model is compared with its own training only, and its error "
-        "elsewhere is unknown"
-        if held_out is None
-        else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
-    )
+    else:
+        warning = (
+            f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
+        )
     advice = f"Give {'a history' if paths else f'at least {FEW}'} as held_out, as train does"
     warn(f"{warning}. {advice}", UncheckedWarning, stacklevel=4)
 
@@ -340,11 +332,11 @@ def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
             )
 
 
-def _share(value):
+def _share(value: float) -> str:
     return "infinite" if math.isinf(value) else f"{value:.1%}"
 
 
-def _warn(message, category=StabilityWarning):
+def _warn(message: str, category: type[Warning] = StabilityWarning) -> None:
     warn(message, category, stacklevel=4)
 
 
@@ -361,11 +353,7 @@ def compared_histories(
 ) -> tuple[Comparison | None, dict[str, list[Any]]]:
     """Errors against known load paths, None without limits, and the signs of their steps by label.
 
-    Raises:
-        UnstableModelError: for errors beyond the limits.
-
-    Warns:
-        StabilityWarning: for errors close to a limit.
+    Raises and warns as :func:`check_comparison`.
     """
     kept = () if held_out is None else held_out.histories
     histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}

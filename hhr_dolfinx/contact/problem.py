@@ -132,7 +132,7 @@ class Reshaping(Protocol):
         """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
 
     def outputs(self, problem: ContactProblem) -> Any:
-        """Outputs of the scene, :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`."""
+        """Outputs of the scene, :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`."""
 
 
 @dataclass(frozen=True)

@@ -6,38 +6,35 @@ import logging
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
+from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import system_of
+from hhr_dolfinx.full_order.system import System, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
+from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
+from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
-from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
@@ -47,7 +44,7 @@ KEPT_BYTES = 1e9
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
-class FullOrderModel(AnsweringModel, ModelFields):
+class FullOrderModel(FullModel):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
     For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
@@ -83,12 +80,12 @@ class FullOrderModel(AnsweringModel, ModelFields):
         NotSolvableError: for bodies that can move freely.
     """
 
-    of_full_order = True
     exact = True
     unbounded = "the full model has no reduction error"
 
     trained = None
-    equilibrium: FullEquilibrium | None = None
+    scene: Scene
+    system: System
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         if not isinstance(scene, Scene):
@@ -106,7 +103,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
-    def _prepared_outputs(self) -> Functionals | ShapeFunctionals | None:
+    def _prepared_outputs(self) -> AllOutputs | None:
         if not self.scene.outputs:
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of
@@ -149,7 +146,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             self._take_parts()
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
-        self._pairs = Pairs.of(problem.contact_pairs)
+        self.pairs = Pairs.of(problem.contact_pairs)
         self.advice = dict(FULL_ORDER_ADVICE)
         if problem.kernel is not None:
             self.advice[Status.ADRIFT] = f"hold it by a displacement, or push it: {problem.kernel.described}"
@@ -185,18 +182,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
         found = SparseStiffness(matrix, problem, self.store)
         return found.lent(self.stiffness) if matrix is own else found
 
-    @cached_property
-    def schur(self) -> np.ndarray:
-        """S in the middle of the box, (N_lambda, N_lambda)."""
-        with self.group.together(f"making S of scene '{self.scene.name}'"):
-            return self.stiffness.schur
-
-    @cached_property
-    def equalities(self) -> SchurEqualities:
-        """Equality problems on this S, whose factors are shared by queries."""
-        self.schur  # noqa: B018 (an error is raised on all ranks)
-        return self.stiffness.equalities
-
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
         return 8 * rows * self.conditions <= KEPT_BYTES
@@ -217,38 +202,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
         return self.stiffness.response
 
-    def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k); collective."""
-        return self.spread.whole(self.stiffness.response_to_forces(forces))
-
-    def pressed(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T."""
-        if not rows.shape[0]:
-            return np.zeros((0, self.conditions))
-        own = csr_matrix(rows)[:, self.problem.rows]
-        if self.stiffness.has_response:
-            return self.spread.sum(own @ self.stiffness.response)
-        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
-
-    @cached_property
-    def per_load(self) -> np.ndarray:
-        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: input of all bounds."""
-        return self.stiffness.columns(self.problem.loads[self.problem.rows])
-
     @property
     def fields(self) -> FullOrderModel:
         """Fields of its answers: the model itself."""
         return self
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """MPI communicator; calls are collective."""
-        return self.group.comm
-
-    @property
-    def spread(self) -> Rows:
-        """See the class."""
-        return self.problem.spread
 
     @property
     def dimension(self) -> int:
@@ -256,19 +213,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return self.problem.block_size
 
     @property
-    def conditions(self) -> int:
-        """Number of contact conditions, N_lambda."""
-        return len(self.problem.gaps)
-
-    @property
     def block_ordering(self) -> str:
         """Ordering of factors for many right-hand sides at once."""
         return ordering_of(self.problem.block_size, "mumps")
-
-    @property
-    def pairs(self) -> Pairs | None:
-        """Conditions by contact pair."""
-        return self._pairs
 
     def __copy__(self) -> FullOrderModel:
         """Another model with the same factors."""
@@ -328,9 +275,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         start = None if isinstance(start, str) else start
         if self.system.anew:
             with at.stiffness.held():
-                answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
+                answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
         else:
-            answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
+            answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer
 
@@ -343,11 +290,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 return at.contact()
 
         return made
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Numbers of dofs and of contact conditions."""
-        return len(self.problem.free), self.conditions
 
     def march(
         self,
@@ -374,7 +316,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return solve_along(self, checked, settings, known=known, keep=keep_small)
         return self.equilibrium.march(checked, settings, known=known, keep=keep)
 
-    # fields of an answer, see models.answer.Fields
+    # fields of an answer, see models.answer.ModelFields
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """U0 and the lift, (N,)."""
@@ -422,7 +364,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
         assert self.functionals is not None
         forces, field = self.coordinate_changes(answer, changes)
         return forces, self.functionals.at(answer.parameter).measured(field)
@@ -435,10 +377,3 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Derivatives of all forces and of the displacement."""
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
-
-
-if TYPE_CHECKING:
-
-    def _is_full_model(model: FullOrderModel) -> FullModel:
-        """Hold the class to the interface of modules that must not import it."""
-        return model

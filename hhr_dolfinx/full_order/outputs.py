@@ -16,13 +16,13 @@ from hhr_dolfinx.parameters import Tag
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.models.functionals.functional import ShapeFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
 
 
 def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
-) -> Functionals | ShapeFunctionals:
+) -> AllOutputs:
     """All outputs of a scene; the same on all ranks. Collective.
 
     Raises:

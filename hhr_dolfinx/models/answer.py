@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.parameters import PointLike
+    from hhr_dolfinx.parameters import PointLike, PointsLike
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -41,33 +41,6 @@ class Meshed(Protocol):
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
-
-
-class Fields(Protocol):
-    """Completion of an answer: computes fields on the whole mesh from the unknown of a model."""
-
-    @property
-    def full(self) -> Meshed | None:
-        """The full model, which has the mesh; None if it is not available."""
-
-    @property
-    def unbounded(self) -> str:
-        """Reason why errors are not estimated; empty if they are."""
-
-    def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement, lift included, (N,)."""
-
-    def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on the whole contact surface, (N_lambda,)."""
-
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, (places, components)."""
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """Error estimate of an answer; None if the model has none."""
-
-    def estimates(self, many: Any) -> Estimates | None:
-        """Error estimates of many answers; None if they are computed one by one."""
 
 
 class Completion(Protocol):
@@ -93,7 +66,9 @@ class Completion(Protocol):
 
 
 class ModelFields:
-    """Parts that the fields of a model may have; parts that a kind of model lacks are None.
+    """Completes answers: computes fields on the whole mesh from the unknown of a model.
+
+    Parts that a kind of model lacks are None.
 
     Attributes:
         bound: bounds the error of an answer.
@@ -132,6 +107,22 @@ class ModelFields:
         known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
+    def displacement(self, answer: Answer) -> np.ndarray:
+        """Displacement, lift included, (N,)."""
+        raise NotImplementedError
+
+    def forces(self, answer: Answer) -> np.ndarray:
+        """Contact forces on the whole contact surface, (N_lambda,)."""
+        raise NotImplementedError
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in Kelvin's notation, (places, components)."""
+        raise NotImplementedError
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Error estimate of an answer; None if the model has none."""
+        return None
+
     def estimates(self, many: Any) -> Estimates | None:
         """Error estimates of :class:`~models.many.ManyAnswers`; None if they are computed one by one."""
         return None
@@ -143,10 +134,6 @@ class ElasticFields(ModelFields):
     def forces(self, answer: Answer) -> np.ndarray:
         """The multipliers, (N_lambda,); a copy, which the caller may change."""
         return answer.multipliers.copy()
-
-    def estimate(self, answer: Answer) -> Estimate | None:
-        """None: these fields have no error estimate."""
-        return None
 
 
 class Answer(NamedTuple):
@@ -178,7 +165,7 @@ class Answer(NamedTuple):
     iterations: int
     status: Status
     cycled: bool
-    fields: Fields
+    fields: ModelFields
     time: float = math.nan
     gradient: Gradient | None = None
     time_error: float = math.nan
@@ -504,9 +491,12 @@ class Model(Protocol):
         """
 
 
-def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
+def one_by_one(model: Any, table: PointsLike, raise_on_failure: bool, outside: str) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point."""
-    return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
+    points = model.parameters.points(table)
+    return ListedAnswers(
+        tuple(model.solve(point, raise_on_failure=raise_on_failure, outside=outside) for point in points)
+    )
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:
@@ -524,7 +514,7 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
 
 
 def unanswered(
-    parameter: np.ndarray, sizes: tuple[int, int], fields: Fields, status: Status = Status.UNDEFINED
+    parameter: np.ndarray, sizes: tuple[int, int], fields: ModelFields, status: Status = Status.UNDEFINED
 ) -> Answer:
     """An answer of NaN, for a model with these numbers of unknowns and conditions."""
     unknowns, conditions = sizes
@@ -532,6 +522,6 @@ def unanswered(
     return Answer(parameter, *nothing, 0, status, False, fields)
 
 
-def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: Fields) -> Answer:
+def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields) -> Answer:
     """Answer from the result of the active set and the unknown under its forces."""
     return Answer(parameter, unknown, found.forces, found.active, found.iterations, found.status, found.cycled, fields)

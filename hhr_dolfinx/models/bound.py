@@ -51,10 +51,8 @@ class ForceScale:
 def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
     """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the error is not.
 
-    Args:
-        kind: see :class:`~hhr_dolfinx.models.estimates.Estimate`.
-        errors: of displacement and forces in energy, of forces in the Euclidean norm, and of pressures, (4, n).
-        least: denominators of relative errors, in the same norms, (4, n).
+    Errors, and denominators of relative ones, are those of displacement and forces in energy, of forces in the
+    Euclidean norm, and of pressures, (4, n) each.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(errors == 0, 0.0, errors / np.maximum(least, 0.0))
@@ -99,27 +97,23 @@ class BoundThere(Protocol):
 
 
 class Bound(Protocol):
-    """Bound of the errors of a model's answers.
-
-    Attributes:
-        together: number of answers per evaluation, so that intermediate arrays stay small.
-        kind: see :class:`Estimate`.
-        schur: S, in the middle of the box if it varies, (m, m).
-        free_slack: slack without contact forces: as terms of θ, (m, 1 + T), or in the middle of the box if S
-            varies, (m,).
-    """
+    """Bound of the errors of a model's answers."""
 
     @property
-    def together(self) -> int: ...  # noqa: D102
+    def together(self) -> int:
+        """Number of answers per evaluation, so that intermediate arrays stay small."""
 
     @property
-    def kind(self) -> str: ...  # noqa: D102
+    def kind(self) -> str:
+        """See :class:`Estimate`."""
 
     @property
-    def schur(self) -> np.ndarray: ...  # noqa: D102
+    def schur(self) -> np.ndarray:
+        """S, in the middle of the box if it varies, (m, m)."""
 
     @property
-    def free_slack(self) -> np.ndarray: ...  # noqa: D102
+    def free_slack(self) -> np.ndarray:
+        """Slack without contact forces, as terms of θ, (m, 1 + T); in the middle of the box if S varies, (m,)."""
 
     def prepared(self, inside: np.ndarray) -> Any:
         """Data that complete forces from those of the conditions ``inside``."""
@@ -129,18 +123,15 @@ class Bound(Protocol):
 
 
 class Response(Protocol):
-    """The displacement as a function of loads and all contact forces, for a bound that knows the exact ones.
-
-    Attributes:
-        loaded: displacement under some loads, (N, k), which span all loads.
-        loading: coefficients of each term in these loads, (k, 1 + T).
-    """
+    """The displacement as a function of loads and all contact forces, for a bound that knows the exact ones."""
 
     @property
-    def loaded(self) -> np.ndarray: ...  # noqa: D102
+    def loaded(self) -> np.ndarray:
+        """Displacement under some loads, (N, k), which span all loads."""
 
     @property
-    def loading(self) -> Any: ...  # noqa: D102
+    def loading(self) -> np.ndarray:
+        """Coefficients of each term in these loads, (k, 1 + T)."""
 
     def within(self, fields: Any) -> ResponseWithin:
         """The response in the columns of a model."""

@@ -11,14 +11,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
 
 
-class FullOrder(Protocol):
-    """The full model, as completions read it."""
-
-    @property
-    def problem(self) -> ContactProblem:
-        """Its contact problem, with the law of its contacts."""
-
-
 class InterfaceCompletion(Protocol):
     """Completes the forces of a law that has its own way."""
 
@@ -49,5 +41,5 @@ class InterfaceCompletion(Protocol):
             scale: length by which the gap of each is measured, (N_lambda,).
         """
 
-    def differences(self, full: FullOrder, point: np.ndarray) -> str:
-        """Difference of a full model to the one of the training, in words; empty if there is none."""
+    def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
+        """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""

@@ -7,17 +7,16 @@ elimination, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from functools import cached_property
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.models.answer import Answer, CheckedStart, Fields, SeveralAnswers, outcome
+from hhr_dolfinx.models.answer import Answer, CheckedStart, ModelFields, SeveralAnswers, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -54,7 +53,7 @@ class CondensedModel(KeptModel):
         parameters: ParameterSpace,
         eliminated: Elimination,
         known: KnownStatuses,
-        fields: Fields,
+        fields: ModelFields,
         pairs: Annotated[Integers, "m"] | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
@@ -68,8 +67,6 @@ class CondensedModel(KeptModel):
         self.advice = dict(advice)
         self.pairs = pairs
         self.law = law
-        # if the whole box was trained, its own check is enough
-        self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs = Pairs.of(pairs)
         self._m = known.active.shape[1]
         self._regions = None if law.remembers else eliminated.table_of(known)
@@ -77,7 +74,7 @@ class CondensedModel(KeptModel):
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """From the critical region of the nearest statuses if it holds there; else by the active set."""
         if isinstance(start, str):
-            known = None if self._regions is None else self._regions.answer(point, self.fields)
+            known = None if self._regions is None else self._regions(point, self.fields)
             if known is not None:
                 return differentiated(self.eliminated(point), known) if gradient else known
             start = self.known.start(point)
@@ -99,13 +96,13 @@ class CondensedModel(KeptModel):
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)
-        if self._range is not None:
-            inside = ((checked >= self._range.lower) & (checked <= self._range.upper)).all(axis=1)
+        if self._limit is not None:
+            inside = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
             for point in checked[~inside]:
-                self._range.check(point, outside)
+                self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
-    def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
+    def from_contact(self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool) -> Answer:
         """Answer to a point from its contact problem; starts from the nearest training statuses."""
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)
@@ -131,9 +128,3 @@ class CondensedModel(KeptModel):
     def tabulated(self) -> bool:
         """True if critical regions are tabulated: amplitudes are affine, and the tables not too large."""
         return self._regions is not None
-
-    def completed_by(self, fields: Fields) -> CondensedModel:
-        """The same model with other fields: on another mesh, or of another unknown."""
-        model = copy(self)
-        model.fields = fields
-        return model

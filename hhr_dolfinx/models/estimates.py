@@ -20,6 +20,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,8 +30,6 @@ from hhr_dolfinx.warn import warn
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
-NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
-"""Column heads without outputs."""
 NUMBERS = tuple(
     "primal dual primal_relative dual_relative forces_euclid pressure forces_euclid_relative pressure_relative".split()
 )
@@ -102,16 +101,12 @@ class Estimate(NamedTuple):
         items = () if functionals is None else functionals.items
         return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0)
 
-    def shown(self, outputs: Mapping[str, str] = NO_OUTPUTS_SHOWN) -> dict[str, float]:
+    def shown(self, outputs: Mapping[str, str] = MappingProxyType({})) -> dict[str, float]:
         """Row of a table, by the heads of :func:`columns`; NaN for outputs without a bound."""
         values = [float(getattr(self, name)) for name in shown_of(self.kind).values()]
         if not self.kind.startswith("indicator"):
             values += [self.outputs.get(name, math.nan) for name in outputs]
         return dict(zip(columns(self.kind, outputs), values, strict=True))
-
-
-def _no_outputs(_: int) -> Mapping[str, float]:
-    return NO_OUTPUTS
 
 
 @dataclass(frozen=True)
@@ -134,7 +129,7 @@ class Estimates:
     pressure: np.ndarray
     forces_euclid_relative: np.ndarray
     pressure_relative: np.ndarray
-    outputs_of: Callable[[int], Mapping[str, float]] = field(default=_no_outputs, compare=False)
+    outputs_of: Callable[[int], Mapping[str, float]] = field(default=lambda _: NO_OUTPUTS, compare=False)
 
     @classmethod
     def by_blocks(
@@ -142,11 +137,8 @@ class Estimates:
     ) -> Estimates:
         """Estimates of the converged answers, (n,) bool, in blocks of rows; NaN for the others."""
         rows = np.flatnonzero(solved)
-        numbers = np.full((len(NUMBERS), len(solved)), np.nan)
-        for first in range(0, rows.size, together):
-            some = rows[first : first + together]
-            numbers[:, some] = bounded(some).numbers
-        return cls(kind, *numbers)
+        blocks = [rows[first : first + together] for first in range(0, rows.size, together)]
+        return cls._filled({kind}, len(solved), [(some, bounded(some)) for some in blocks])
 
     def __len__(self) -> int:
         return len(self.primal)
@@ -154,19 +146,12 @@ class Estimates:
     def __reduce__(self) -> tuple:
         """Copy and pickle with the bounds of all outputs."""
         bounds = [dict(self.outputs_of(k)) for k in range(len(self))]
-        return Estimates, (self.kind, *self.numbers, bounds.__getitem__)
+        return Estimates, (self.kind, *(getattr(self, name) for name in NUMBERS), bounds.__getitem__)
 
     def __getitem__(self, k: int) -> Estimate:
         """Estimate of one answer."""
-        own = self.primal, self.dual, self.primal_relative, self.dual_relative
-        further = self.forces_euclid, self.pressure, self.forces_euclid_relative, self.pressure_relative
-        a, b, c, d, e, f, g, h = (float(values[k]) for values in (*own, *further))
-        return Estimate(self.kind, a, b, c, d, self.outputs_of(k), e, f, g, h)
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """All attributes in the order of :data:`NUMBERS`, (8, n)."""
-        return np.array([getattr(self, name) for name in NUMBERS])
+        numbers = {name: float(getattr(self, name)[k]) for name in NUMBERS}
+        return Estimate(self.kind, outputs=self.outputs_of(k), **numbers)
 
     @classmethod
     def of(cls, found: Sequence[Estimate | None]) -> Estimates | None:
@@ -239,7 +224,7 @@ def known_error(fields: Any) -> str:
     """Description of the errors that are estimated for answers with some fields, or the reason why there are none.
 
     Args:
-        fields: see :class:`~hhr_dolfinx.models.answer.Fields`.
+        fields: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
     kind = fields.estimated
     if fields.bound is not None:
@@ -249,9 +234,8 @@ def known_error(fields: Any) -> str:
     if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:
-        known_of_laws: str = fields.flow.known_error
-        return known_of_laws
-    if fields.estimated == FORCES:
+        return str(fields.flow.known_error)
+    if kind == FORCES:
         return "indicator of the forces: the part of those on the RID that no training explains; without a proof"
     if fields.exact:
         return f"none is made: {fields.unbounded}"

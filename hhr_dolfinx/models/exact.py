@@ -6,12 +6,12 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed
@@ -24,44 +24,46 @@ if TYPE_CHECKING:
 
 
 class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
-    """Common part of all fields of exact condensation."""
+    """Fields of exact condensation: outputs act on forces, or on the displacement less its lift."""
 
     amplitudes: Amplitudes
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+    lifts: csc_matrix
+    per_term: np.ndarray
     functionals: Functionals | None
 
     unbounded = "exact condensation has no reduction error"
     exact = True
 
+    @property
     @abstractmethod
+    def _reads_fields(self) -> bool:
+        """True if outputs act on displacements."""
+
+    @abstractmethod
+    def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
+        """K^-1 (loads - B^T λ), (N,)."""
+
     def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,)."""
+        """K^-1 (loads - B^T λ) and the lift, (N,).
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file, that keeps no columns of K^-1 B^T.
+        """
+        theta = self.amplitudes(answer.parameter)
+        return self._unknown(answer, theta) + self.lifts @ theta
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Zero error: the model is as exact as the full one."""
         return Estimate.exact(self.functionals) if answer.converged else None
 
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress at the midpoint of each cell, Kelvin's notation.
-
-        Raises:
-            NotOfferedError: by a copy, or a model from a file.
-        """
-        if self.stress_of is None:
-            raise NotOfferedError(
-                "a model that was copied or read from a file has no mesh, and stress needs one: "
-                "full.stress_of(displacement, mu)"
-            )
-        return self.stress_of(self.displacement(answer), answer.parameter)
-
-    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        assert answer.gradient is not None
-        return answer.gradient.multipliers
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
+        lifted = dense(rows @ self.lifts)
+        return lifted if self._reads_fields else lifted + rows @ self.per_term
 
 
 @dataclass(frozen=True)
 class ExactFields(_Exact):
-    """Fields of exact condensation with K^-1 B^T, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of exact condensation with K^-1 B^T, see :class:`hhr_dolfinx.models.answer.ModelFields`.
 
     Attributes:
         amplitudes: θ as a function of the parameters.
@@ -90,23 +92,18 @@ class ExactFields(_Exact):
         """Number of contact conditions; the model keeps all."""
         return self.per_force.shape[1]
 
-    def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,); returned from the answer if that has fields."""
-        theta = self.amplitudes(answer.parameter)
-        unknown = answer.unknown
-        if unknown.size == 0:
-            unknown = self.per_term @ theta - self.per_force @ answer.multipliers
-        return unknown + self.lifts @ theta
+    @property
+    def _reads_fields(self) -> bool:
+        return self.floats
 
-    def _columns(self) -> np.ndarray | None:
-        return None if self.floats else self.per_force
+    def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
+        """From the answer if that has fields."""
+        return answer.unknown if answer.unknown.size else self.per_term @ theta - self.per_force @ answer.multipliers
 
-    def _terms(self, rows: object) -> np.ndarray:
-        lifted = dense(rows @ self.lifts)
-        return lifted if self.floats else lifted + rows @ self.per_term
+    def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
+        return rows if self.floats else rows @ self.per_force
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The displacement without its lift if only the answer has the motions; otherwise minus the forces."""
         return answer.unknown if self.floats else -answer.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
@@ -141,17 +138,13 @@ class SolvedFields(_Exact):
         """Number of contact conditions; the model keeps all."""
         return self.measured_per_force.shape[1]
 
-    def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,).
+    @cached_property
+    def _reads_fields(self) -> bool:
+        assert self.functionals is not None
+        return bool(self.functionals.rows.shape[0] != len(self.measured_per_force))
 
-        Raises:
-            NotOfferedError: by a copy, or a model from a file.
-        """
-        return self._unknown(answer) + self.lifts @ self.amplitudes(answer.parameter)
-
-    def _unknown(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ), (N,)."""
-        return self.per_term @ self.amplitudes(answer.parameter) - self._push(answer.multipliers)
+    def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
+        return self.per_term @ theta - self._push(answer.multipliers)
 
     @property
     def _push(self) -> Callable[[np.ndarray], np.ndarray]:
@@ -162,28 +155,13 @@ class SolvedFields(_Exact):
             )
         return self.pushed
 
-    @cached_property
-    def _reads_fields(self) -> bool:
-        """True if outputs evaluate displacements."""
-        assert self.functionals is not None
-        return bool(self.functionals.rows.shape[0] != len(self.measured_per_force))
-
-    @cached_property
-    def _measures(self) -> tuple[Any, np.ndarray]:
-        assert self.functionals is not None
-        rows = self.functionals.rows
-        return rows if self._reads_fields else self.measured_per_force, self._terms(rows)
-
-    def _columns(self) -> None:
-        """None: the rows of the outputs are already solved for."""
-
-    def _terms(self, rows: object) -> np.ndarray:
-        lifted = dense(rows @ self.lifts)
-        return lifted if self._reads_fields else lifted + rows @ self.per_term
+    def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
+        return rows if self._reads_fields else self.measured_per_force
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The forces, on which the rows of the outputs act; or the displacement without its lift."""
-        return self._unknown(answer) if self._reads_fields else answer.multipliers
+        if self._reads_fields:
+            return self._unknown(answer, self.amplitudes(answer.parameter))
+        return answer.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None

@@ -1,36 +1,37 @@
-"""Interface of the full-order model, for modules that check, store and reduce its answers.
+"""The full-order model as modules see it that check, store and reduce its answers.
 
 They read arrays of the contact problem and solve with its factors, and never see the mesh. The model itself is
-:class:`hhr_dolfinx.full_order.full.FullOrderModel`; another one with these members serves as well.
+:class:`hhr_dolfinx.full_order.full.FullOrderModel`.
 
 Sizes: N dofs, n of them on this rank; N_lambda contact conditions; 1 + T terms of θ; P parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
+from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.models.answer import Answer, Fields, History, Model, Path, SeveralAnswers
-from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium, MarchSettings
-from hhr_dolfinx.trained import USUAL
+from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
+from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
-    from scipy.sparse import csr_matrix
 
-    from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
-    from hhr_dolfinx.contact.law import ContactLaw
+    from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
     from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
     from hhr_dolfinx.group import Group
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
     from hhr_dolfinx.models.strains import StrainGuard
-    from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
+    from hhr_dolfinx.parameters import PointLike
 
 
 class Equations(Protocol):
@@ -52,135 +53,126 @@ class NamedScene(Protocol):
         """Name of the scene."""
 
 
-class FullModel(Fields, Model, Protocol):
-    """The full-order model: solves points and paths, completes its own answers, and lends its factors."""
+class FullModel(AnsweringModel, ModelFields):
+    """The full-order model: solves points and paths, completes its own answers, and lends its factors.
 
-    @property
-    def scene(self) -> NamedScene:
-        """The scene."""
+    Attributes:
+        scene: the scene.
+        group: processes that have the model together.
+        problem: the algebraic contact problem; on several ranks each has the rows of its dofs.
+        system: the equations at any point.
+        stiffness: K, if it is constant; otherwise K in the middle of the box.
+        store: factors of K.
+        keeps_columns: whether K^-1 B^T has room in memory.
+        functionals: outputs of the scene; None if it has none.
+        equilibrium: equilibrium of bodies with laws; None if all bodies are elastic.
+        strains: checks that strains in its answers are small.
+        pairs: conditions by contact pair.
+    """
+
+    scene: NamedScene
+    group: Group
+    problem: ContactProblem
+    system: Equations
+    stiffness: SparseStiffness
+    store: FactorStore
+    keeps_columns: bool
+    functionals: AllOutputs | None
+    equilibrium: FullEquilibrium | None = None
+    strains: StrainGuard
+    pairs: Pairs | None
 
     @property
     def comm(self) -> Comm:
-        """Ranks that call the model together."""
-
-    @property
-    def problem(self) -> ContactProblem:
-        """The algebraic contact problem; on several ranks each has the rows of its dofs."""
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """The box of the parameters."""
-
-    @property
-    def system(self) -> Equations:
-        """The equations at any point."""
-
-    @property
-    def stiffness(self) -> SparseStiffness:
-        """K, if it is constant; otherwise K in the middle of the box."""
-
-    @property
-    def store(self) -> FactorStore:
-        """Factors of K."""
-
-    @property
-    def schur(self) -> np.ndarray:
-        """S = B K^-1 B^T of this K, (N_lambda, N_lambda)."""
-
-    @property
-    def equalities(self) -> SchurEqualities:
-        """Equality problems on this S."""
-
-    @property
-    def per_force(self) -> np.ndarray:
-        """K^-1 B^T, (n, N_lambda)."""
-
-    @property
-    def per_load(self) -> np.ndarray:
-        """K^-1 loads, (n, 1 + T)."""
-
-    @property
-    def keeps_columns(self) -> bool:
-        """True if K^-1 B^T has room in memory."""
-
-    @property
-    def block_ordering(self) -> str:
-        """Ordering of factors for many right-hand sides at once."""
-
-    @property
-    def functionals(self) -> Functionals | ShapeFunctionals | None:
-        """Outputs of the scene; None if it has none."""
-
-    @property
-    def equilibrium(self) -> FullEquilibrium | None:
-        """Equilibrium of bodies with laws; None if all bodies are elastic."""
-
-    @property
-    def law(self) -> ContactLaw:
-        """Law of the contact conditions."""
-
-    @property
-    def strains(self) -> StrainGuard:
-        """Check that strains in its answers are small."""
-
-    @property
-    def group(self) -> Group:
-        """Processes that have the model together."""
+        """MPI communicator; calls are collective."""
+        return self.group.comm
 
     @property
     def spread(self) -> Rows:
         """Rows of this rank, and sums over ranks."""
+        return self.problem.spread
 
     @property
     def conditions(self) -> int:
         """Number of contact conditions, N_lambda."""
+        return len(self.problem.gaps)
 
     @property
     def sizes(self) -> tuple[int, int]:
         """Numbers of dofs and of contact conditions of an answer."""
+        return len(self.problem.free), self.conditions
+
+    @cached_property
+    def schur(self) -> np.ndarray:
+        """S = B K^-1 B^T of this K, (N_lambda, N_lambda)."""
+        with self.group.together(f"making S of scene '{self.scene.name}'"):
+            return self.stiffness.schur
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on this S, whose factors are shared by queries."""
+        self.schur  # noqa: B018 (an error is raised on all ranks)
+        return self.stiffness.equalities
+
+    @cached_property
+    def per_load(self) -> np.ndarray:
+        """K^-1 loads on the dofs of this rank, (n, 1 + T), of a constant K: input of all bounds."""
+        return self.stiffness.columns(self.problem.loads[self.problem.rows])
+
+    def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k). Collective."""
+        return self.spread.whole(self.stiffness.response_to_forces(forces))
+
+    def pressed(self, rows: csr_matrix) -> np.ndarray:
+        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T. Collective."""
+        if not rows.shape[0]:
+            return np.zeros((0, self.conditions))
+        own = csr_matrix(rows)[:, self.problem.rows]
+        if self.stiffness.has_response:
+            return self.spread.sum(own @ self.stiffness.response)
+        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
 
     @property
-    def pairs(self) -> Pairs | None:
-        """Conditions by contact pair."""
+    @abstractmethod
+    def per_force(self) -> np.ndarray:
+        """K^-1 B^T, (n, N_lambda)."""
 
     @property
-    def advice(self) -> Mapping[Status, str]:
-        """Remedy for each status, for messages."""
+    @abstractmethod
+    def block_ordering(self) -> str:
+        """Ordering of factors for many right-hand sides at once."""
 
+    @abstractmethod
     def march(
         self,
         path: Path,
-        settings: MarchSettings = ...,
+        settings: MarchSettings = DEFAULT_MARCH,
         *,
         known: list[Answer] | tuple[()] = (),
-        keep: Callable[[Answer], None] = ...,
+        keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
         """Answer a path from rest, see :meth:`Model.march`.
 
         ``known`` are answers to its first steps, solved before; ``keep`` is called with each new one.
         """
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (k, P), one by one."""
-
+    @abstractmethod
     def gathered(self) -> FullModel:
         """The same model with all rows on each rank, where the ranks share the factors. Collective."""
 
+    @abstractmethod
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells, components)."""
 
+    @abstractmethod
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
 
-    def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k). Collective."""
-
-    def pressed(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda). Collective."""
-
+    @abstractmethod
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
 
+    @abstractmethod
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
     ) -> FreeCholesky:

@@ -48,12 +48,8 @@ def gradient_of(
 ) -> Gradient:
     """Differentiate slack(mu, lambda) = 0 on the active set: one more right-hand side for each parameter.
 
-    Args:
-        equalities: of the active set, whose factors exist already.
-        active: statuses, (m,) bool.
-        forces, slack: of the answer, (m,) each.
-        at_fixed_forces: derivatives at fixed forces of the slack, (m, P), and of the unknown, (n, P).
-        compliance_times: response of the unknown to contact forces, K^-1 B^T forces: (m, P) to (n, P).
+    ``at_fixed_forces`` are derivatives at fixed forces of the slack, (m, P), and of the unknown, (n, P);
+    ``compliance_times`` maps contact forces, (m, P), to K^-1 B^T forces, (n, P).
     """
     of_slack, of_unknown = at_fixed_forces
     changes, opened = equalities.several(active, of_slack)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status, settled
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -25,25 +25,15 @@ APART = 16
 
 @dataclass(frozen=True, repr=False)
 class ManyAnswers(SeveralAnswers):
-    """Answers of one elastic model to many parameters, as arrays.
+    """Answers of one elastic model to many parameters, as arrays."""
 
-    Attributes:
-        points: parameters, (n, P).
-        unknown: unknown of the model, (n, k); NaN without a solution.
-        multipliers: forces on the contact conditions of the model, (n, m); NaN without a solution.
-        active: their statuses, (n, m) bool.
-        status: why each search stopped.
-        iterations: equality problems solved for each, (n,).
-        fields: completes the answers.
-    """
-
-    points: np.ndarray
-    unknown: np.ndarray
-    multipliers: np.ndarray
-    active: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-    fields: Fields
+    points: np.ndarray  # parameters, (n, P)
+    unknown: np.ndarray  # unknown of the model, (n, k); NaN without a solution
+    multipliers: np.ndarray  # forces on the contact conditions of the model, (n, m); NaN without a solution
+    active: np.ndarray  # their statuses, (n, m) bool
+    status: list[Status]  # why each search stopped
+    iterations: np.ndarray  # equality problems solved for each, (n,)
+    fields: ModelFields  # completes the answers
 
     def __getitem__(self, k: int) -> Answer:
         """Answer to one point."""
@@ -51,7 +41,7 @@ class ManyAnswers(SeveralAnswers):
         return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
 
     @classmethod
-    def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
+    def of(cls, answers: list[Answer], fields: ModelFields) -> ManyAnswers:
         """Array form of answers found one by one, one or more."""
         points, unknown, forces, active = (
             np.array([getattr(answer, name) for answer in answers])
@@ -75,35 +65,23 @@ class ManyAnswers(SeveralAnswers):
 
 @dataclass(frozen=True, repr=False)
 class PartedAnswers(SeveralAnswers):
-    """Answers of several models to many parameters, each from the model of its point.
+    """Answers of several models to many parameters, each from the model of its point."""
 
-    Attributes:
-        points: parameters, (n, P).
-        model: number of the model that answered each, (n,) int.
-        status: why each search stopped.
-        iterations: equality problems solved for each, (n,).
-        parts: rows and answers of each model that is used.
-    """
-
-    points: np.ndarray
-    model: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
-    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]
+    points: np.ndarray  # parameters, (n, P)
+    model: np.ndarray  # number of the model that answered each, (n,) int
+    status: list[Status]  # why each search stopped
+    iterations: np.ndarray  # equality problems solved for each, (n,)
+    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]  # rows and answers of each model that is used
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
         """Combine the answers of each model to its rows, one or more, and the numbers of the models by row."""
-        count = len(model)
-        points = np.empty((count, parts[0][1].points.shape[1]))
-        iterations = np.zeros(count, dtype=np.int64)
-        status = [Status.CONVERGED] * count
-        for rows, many in parts:
-            points[rows] = many.points
-            iterations[rows] = many.iterations
-            for row, found in zip(rows, many.status, strict=True):
-                status[row] = found
-        return cls(points, model, status, iterations, tuple(parts))
+        places = [rows for rows, _ in parts]
+        points, iterations = (
+            _by_rows(places, [getattr(many, name) for _, many in parts]) for name in ("points", "iterations")
+        )
+        status = {row: found for rows, many in parts for row, found in zip(rows.tolist(), many.status, strict=True)}
+        return cls(points, model, [status[row] for row in range(len(model))], iterations, tuple(parts))
 
     def __getitem__(self, k: int) -> Answer:
         """Answer to one point."""
@@ -116,11 +94,7 @@ class PartedAnswers(SeveralAnswers):
 
     def forces(self) -> np.ndarray:
         """See :meth:`SeveralAnswers.forces`."""
-        found = [(rows, many.forces()) for rows, many in self.parts]
-        forces = np.empty((len(self), found[0][1].shape[1]))
-        for rows, part in found:
-            forces[rows] = part
-        return forces
+        return self._gathered([many.forces() for _, many in self.parts])
 
     def estimates(self) -> Estimates | None:
         """See :meth:`SeveralAnswers.estimates`."""
@@ -128,31 +102,32 @@ class PartedAnswers(SeveralAnswers):
 
     def outputs(self) -> dict[str, np.ndarray]:
         """See :meth:`ManyAnswers.outputs`."""
-        return self._gathered([(rows, many.outputs()) for rows, many in self.parts])
+        found = [many.outputs() for _, many in self.parts]
+        return {name: self._gathered([outputs[name] for outputs in found]) for name in found[0]}
 
-    def _gathered(self, found: list[tuple[np.ndarray, dict[str, np.ndarray]]]) -> dict[str, np.ndarray]:
-        """Columns by name in the order of the points."""
-        columns = {name: np.full(len(self), np.nan) for name in found[0][1]}
-        for rows, part in found:
-            for name, values in part.items():
-                columns[name][rows] = values
-        return columns
+    def _gathered(self, values: list[np.ndarray]) -> np.ndarray:
+        return _by_rows([rows for rows, _ in self.parts], values)
+
+
+def _by_rows(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+    """Values of parts, (k, ...) each, in the order of all rows; each row belongs to one part."""
+    return np.concatenate(values)[np.argsort(np.concatenate(places))]
 
 
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
 @one_thread
 def answers_by_statuses(
-    model: Any, amplitudes: Amplitudes, responses: Responses, response: np.ndarray, points: np.ndarray, **how: Any
+    model: Any,
+    amplitudes: Amplitudes,
+    responses: Responses,
+    response: np.ndarray,
+    points: np.ndarray,
+    raise_on_failure: bool,
 ) -> ManyAnswers:
     """Answers of a condensed model of constant stiffness to checked points, (n, P).
 
-    Args:
-        model: solves the points whose batch does not converge.
-        amplitudes: θ as a function of the parameters.
-        responses: of the eliminated unknown.
-        response: free slack followed by the free unknown, (m + n, 1 + T).
-        points: the parameters.
-        how: further arguments of its ``solve``.
+    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves the points whose batch
+    does not converge.
     """
     schur = responses.schur
     per_force = responses.primal_per_force
@@ -169,7 +144,7 @@ def answers_by_statuses(
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
     for k in left:
-        answer = model.solve(points[k], start=active[k].copy(), **how)
+        answer = model.solve(points[k], start=active[k].copy(), raise_on_failure=raise_on_failure, outside="ignore")
         unknown[k] = answer.unknown
         forces[k] = answer.multipliers
         active[k] = answer.active

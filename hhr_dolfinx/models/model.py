@@ -87,7 +87,6 @@ class AnsweringModel(Shown):
         law: law of its own contact conditions.
         advice: remedy for each status, for the messages.
         usual_outside: default policy outside the training range, ``warn`` or ``ignore``.
-        of_full_order: whether it is the full model of a scene, whose answers are exact.
         instead: model to keep in a file instead of this one, for messages.
         reduction: record of ``hhr.reduce``; None of other models, of copies and from files.
     """
@@ -98,10 +97,7 @@ class AnsweringModel(Shown):
     law: ContactLaw = UNILATERAL
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
-    _range: TrainedRange | None = None
-    """Range outside of which points raise a warning or an error; None if the whole box was trained."""
     usual_outside: ClassVar[str] = "warn"
-    of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
 
     def __getattr__(self, name: str) -> Any:
@@ -122,13 +118,8 @@ class AnsweringModel(Shown):
             "parameters": f"{counted(len(names), 'parameter')} ({', '.join(names[:MOST])})",
             **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
             "contact": kept,
-            "errors": self._errors_in_a_word(),
+            "errors": "exact" if self.fields.exact else f"errors: {self.fields.estimated or 'unknown'}",
         }
-
-    def _errors_in_a_word(self) -> str:
-        if self.of_full_order or self.fields.exact:
-            return "exact"
-        return f"errors: {self.fields.estimated or 'unknown'}"
 
     @property
     def dimension(self) -> int:
@@ -136,7 +127,7 @@ class AnsweringModel(Shown):
         return self.fields.dimension
 
     @property
-    def estimating(self) -> Any:
+    def estimating(self) -> AnsweringModel:
         """Model whose error estimates its answers carry; itself, but for models that combine others."""
         return self
 
@@ -219,9 +210,7 @@ class AnsweringModel(Shown):
         return answer
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """Warn of, or refuse, a point, (P,), outside the training range."""
-        if self._range is not None:
-            self._range.check(point, outside)
+        """Warn of, or refuse, a point, (P,), outside the training range; here the whole box."""
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along one path: the contact problem of each point, (P,), without its primal unknown."""
@@ -272,7 +261,7 @@ class AnsweringModel(Shown):
         return "one answer" if coupling < 1 else "several answers possible"
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """Answer to a checked point, (P,), converged or not, from a checked start."""
+        """Answer to a checked point, (P,), converged or not."""
         raise NotImplementedError
 
     def warn_undetermined(self, answer: Answer) -> None:
@@ -293,21 +282,18 @@ class AnsweringModel(Shown):
         return outside
 
     def _checked_start(self, start: Start) -> CheckedStart:
-        """Checked start of the search."""
         return checked_start(start, self.own_conditions)
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; models of bodies with laws make one step from rest for each."""
-        outside = self._checked_outside(outside)
-        return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
+        return one_by_one(self, points, raise_on_failure, self._checked_outside(outside))
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
-        if self.equilibrium is None:
-            if self.law.remembers:
-                return self.follow(checked_path(self.parameters, path), settings)
-            return solve_along(self, checked_path(self.parameters, path), settings)
-        return self.equilibrium.march(checked_path(self.parameters, path), settings)
+        checked = checked_path(self.parameters, path)
+        if self.equilibrium is not None:
+            return self.equilibrium.march(checked, settings)
+        return self.follow(checked, settings) if self.law.remembers else solve_along(self, checked, settings)
 
     def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
@@ -335,14 +321,14 @@ class KeptModel(AnsweringModel):
     """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """See :class:`AnsweringModel`; the training range counts in every kind of model."""
+        """See :class:`AnsweringModel`."""
         if self._limit is not None:
             self._limit.check(point, outside)
 
     @cached_property
     def _limit(self) -> TrainedRange | None:
         """The training range; None if it is the whole box."""
-        trained = self.trained if self._range is None else self._range
+        trained = self.trained
         return trained if isinstance(trained, TrainedRange) and not trained.covers(self.parameters) else None
 
     def _arguments(self) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
+from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.models.answer import Answer, Completion, Meshed, ModelFields
 from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
@@ -37,7 +37,7 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
-    """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.Fields`.
+    """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.ModelFields`.
 
     Attributes:
         amplitudes: θ as a function of the parameters.
@@ -114,7 +114,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Coordinates of the columns of the displacement, (c,): gamma, or a function of all forces."""
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
-        there: Any = self._bound_at(answer)
+        there = self._bound_at(answer)
         forces = there.completed(answer.multipliers[None], self._outside)[0]
         return self._responding.coordinates(answer, there, forces)
 
@@ -222,10 +222,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         forces[self.A_lambda] = gradient.multipliers
         return forces
 
-    def _columns(self) -> np.ndarray:
-        return self.basis
+    def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
+        return rows @ self.basis
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         per_term = dense(rows @ self.lifts)
         return per_term if self.response is None else per_term + (rows @ self.response.loaded) @ self.response.loading
 
@@ -233,25 +233,14 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         assert answer.gradient is not None
         if self.response is None:
             return answer.gradient.unknown
-        there: Any = self._bound_at(answer)
+        there = self._bound_at(answer)
         return self._responding.changes(
             there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are evaluated.
-
-        Raises:
-            HHRError: for an elastic model from a file, whose stress needs the mesh.
-        """
-        if self.flow is not None:
-            return self.flow.stress_of(answer)
-        if self.stress_of is None:
-            raise NotOfferedError(
-                "a model file of elastic bodies keeps no mesh, and stress needs one: ask the full model of the scene, "
-                "full.stress_of(answer.displacement())"
-            )
-        return self.stress_of(self.displacement(answer), answer.parameter)
+        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are evaluated."""
+        return super().stress(answer) if self.flow is None else self.flow.stress_of(answer)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """By the bound; without one the estimate of an indicator: of the recipe, or of laws; None without either."""

@@ -112,7 +112,6 @@ class ReducedModel(KeptModel):
         try:
             if flow is None:
                 self.eliminated = self._without_gamma(factorise)
-                self._range = self.eliminated._range
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields, trained)
         except SingularError as error:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
+
+import numpy as np
 
 MOST = 8
 """Most numbers of a point that are shown."""
 
 
-def point_of(values: Any, names: Sequence[str] = ()) -> str:
+def point_of(values: Sequence[float] | np.ndarray, names: Sequence[str] = ()) -> str:
     """A point of the box, with the names of parameters if they are known: ``push=3e+07, pull=1e+07``."""
     numbers = [f"{float(value):.6g}" for value in list(values)[:MOST]]
     left = ["..."] if len(values) > MOST else []

@@ -19,15 +19,10 @@ BLOCK = 1024
 
 @dataclass(frozen=True)
 class KnownStatuses(Rebuilt):
-    """Statuses at training parameters, from which the active set starts near its end.
+    """Statuses at training parameters, from which the active set starts near its end."""
 
-    Attributes:
-        points: (S, P).
-        active: (S, m) bool.
-    """
-
-    points: Annotated[Floats, "statuses", "P"]
-    active: Annotated[Booleans, "statuses", "m"]
+    points: Annotated[Floats, "statuses", "P"]  # (S, P)
+    active: Annotated[Booleans, "statuses", "m"]  # (S, m) bool
 
     def __post_init__(self) -> None:
         self.active.setflags(write=False)  # answers share them

@@ -1,4 +1,4 @@
-"""Strains and rotations in the cells of a mesh, and warnings of answers with large ones."""
+"""Strains and rotations that are not small, for which the theory is inaccurate: warnings and refusals of answers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,49 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import SmallStrainWarning
-from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
+from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
 
 
+LARGE = 0.1
+"""Strain that raises a warning: the neglected squares, e^2 / 2, are a twentieth of it."""
+MOST = 1.0
+"""Strain at which small-strain theory has no solution; beyond a limit load, the only balance is round-off."""
+ALONE = 0.01
+"""Part of the points that may have larger strains: at the corner of a punch they depend on the mesh."""
 CELLS = 20_000
 """Most cells whose strains are evaluated: they estimate the largest hundredth as well as all cells."""
 GROWN = 1.5
 """Growth of the squared displacement after which strains of a full model are checked again."""
+TOGETHER = 50
+"""Answers whose strains are computed at once; distributed ones need all values of one on each rank meanwhile."""
+
+
+def spread_strain(sizes: np.ndarray) -> float:
+    """Strain that is exceeded at a hundredth of the points, from the sizes at each, (points,)."""
+    count = max(int(ALONE * sizes.size), 1)
+    return float(np.partition(sizes, -count)[-count])
+
+
+def large_strain(strain: float) -> str:
+    """Message on a large strain."""
+    return (
+        f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and answers are those of "
+        f"small strains, which are a few per cent off at {LARGE:g} and mean nothing at {MOST:g}: lower the load, check "
+        "units and moduli, or take a program for finite strains"
+    )
+
+
+def _large_rotation(rotation: float) -> str:
+    return (
+        f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, and answers are those "
+        f"of small displacements, to which a rotation of w is a strain of w^2 / 2 = {rotation**2 / 2:.2g} that is not "
+        "there: lower the load, or take a program for large displacements"
+    )
 
 
 class StrainKind(NamedTuple):
@@ -38,20 +68,43 @@ class StrainKind(NamedTuple):
         return found.reshape(self.cells, -1, found.shape[1]).max(axis=1)
 
 
-class StrainOperators(NamedTuple):
-    """Strains and rotations of cells of a mesh, by the linear field nearest to the displacement in each."""
+def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[StrainKind, StrainKind]:
+    """Strains, and rotations in radians (one in the plane, three in space), of at most :data:`CELLS` cells of a mesh.
 
-    kinds: tuple[StrainKind, StrainKind]
+    They are those of the linear field nearest to the displacement in each cell.
+    """
+    cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // CELLS)]
+    places = problem.points[cells]
+    # values at the nodes of each cell to the gradient there, (cells, dim, n)
+    gradients = np.linalg.pinv(places - places.mean(axis=1, keepdims=True))
+    strains = _halves(gradients, 1)
+    if axisymmetric:
+        radius = places[:, :, 0].sum(axis=1)
+        hoop = np.zeros_like(strains[:, :1])
+        hoop[:, 0, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
+        strains = np.concatenate([strains, hoop], axis=1)
+    strain = StrainKind(_matrix(problem, cells, strains), len(cells), large_strain)
+    return strain, StrainKind(_matrix(problem, cells, _halves(gradients, -1)), len(cells), _large_rotation)
 
-    @classmethod
-    def of(cls, problem: ContactProblem, *, axisymmetric: bool) -> StrainOperators:
-        """Operators of at most :data:`CELLS` cells, evenly distributed over the mesh."""
-        cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // CELLS)]
-        gradients = _gradients(problem, cells)
-        strains = _strains(problem, cells, gradients, axisymmetric)
-        rotations = _rotations(problem, cells, gradients)
-        strain = StrainKind(strains, len(cells), large_strain)
-        return cls((strain, StrainKind(rotations, len(cells), large_rotation)))
+
+def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
+    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim), from its gradients, (cells, dim, n)."""
+    cells, dim, nodes = gradients.shape
+    rows, columns = np.triu_indices(dim, k=0 if sign > 0 else 1)
+    values = np.zeros((cells, rows.size, nodes, dim))
+    for number, (i, j) in enumerate(zip(rows, columns, strict=True)):
+        values[:, number, :, i] += sign * gradients[:, j] / 2
+        values[:, number, :, j] += gradients[:, i] / 2
+    return values
+
+
+def _matrix(problem: ContactProblem, nodes_of: np.ndarray, values: np.ndarray) -> csr_matrix:
+    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix, (cells * k, N)."""
+    dim = values.shape[3]
+    columns = dim * nodes_of[:, None, :, None] + np.arange(dim)
+    rows = np.arange(values.shape[0] * values.shape[1]).reshape(*values.shape[:2], 1, 1)
+    where = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
+    return csr_matrix((values.ravel(), where), shape=(rows.size, problem.free.size))
 
 
 class StrainGuard:
@@ -83,15 +136,14 @@ class StrainGuard:
             self._paused = before
 
     @cached_property
-    def operators(self) -> StrainOperators:
-        """Strains and rotations of cells of the mesh."""
-        return StrainOperators.of(self._problem, axisymmetric=self._axisymmetric)
+    def _kinds(self) -> tuple[StrainKind, StrainKind]:
+        return strain_kinds(self._problem, axisymmetric=self._axisymmetric)
 
     def look(self, answer: Answer) -> None:
-        """Check an :class:`~hhr_dolfinx.models.answer.Answer` of the full model.
+        """Check an answer of the full model.
 
         Warns:
-            SmallStrainWarning: if one is above :data:`LARGE`, and once more above :data:`MOST`.
+            SmallStrainWarning: if a strain is above :data:`LARGE`, and once more above :data:`MOST`.
         """
         unknown = answer.unknown
         size = unknown @ unknown
@@ -99,7 +151,7 @@ class StrainGuard:
             return
         self._looked = size
         whole = answer.displacement()[:, None]
-        for kind in self.operators.kinds:
+        for kind in self._kinds:
             size = spread_strain(kind.sizes(whole)[:, 0])
             if size > self.limit:
                 self.limit = MOST if size <= MOST else np.inf
@@ -107,42 +159,34 @@ class StrainGuard:
                 warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning, stacklevel=4)
                 return
 
+    def check(self, *sets: tuple[np.ndarray, np.ndarray]) -> None:
+        """Check sets of answers: parameters, (S, P), and local rows of displacements without lifts, (own, S).
 
-def _strains(problem: ContactProblem, nodes_of: np.ndarray, gradients: np.ndarray, axisymmetric: bool) -> csr_matrix:
-    """Maps displacements, (N,), to the strain in each cell, by the linear field nearest to it, (cells * k, N)."""
-    cells, dim, nodes = gradients.shape
-    pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
-    values = np.zeros((cells, len(pairs) + axisymmetric, nodes, dim))
-    for row, (i, j) in enumerate(pairs):
-        values[:, row, :, i] += gradients[:, j] / 2
-        values[:, row, :, j] += gradients[:, i] / 2
-    if axisymmetric:
-        radius = problem.points[nodes_of, 0].sum(axis=1)
-        values[:, -1, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
-    return _matrix(problem, nodes_of, values)
+        Raises:
+            ReductionError: if any has strains or rotations beyond any theory of small strains.
 
+        Warns:
+            SmallStrainWarning: if they are large in any, with the parameter.
+        """
+        every = np.concatenate([points for points, _ in sets])
+        sizes = np.array([size for points, fields in sets for size in self._spreads(points, fields)])
+        for kind, size in zip(self._kinds, sizes.T, strict=True):
+            worst = int(size.argmax())
+            if size[worst] <= LARGE:
+                continue
+            message = f"at {self._problem.parameters.described(every[worst])}: {kind.in_words(size[worst])}"
+            if size[worst] > MOST:
+                raise ReductionError(message)
+            warn(message, SmallStrainWarning, stacklevel=3)
 
-def _rotations(problem: ContactProblem, nodes_of: np.ndarray, gradients: np.ndarray) -> csr_matrix:
-    """Maps displacements, (N,), to rotations in cells, radians, (cells * k, N): one in the plane, three in space."""
-    cells, dim, nodes = gradients.shape
-    pairs = [(i, j) for i in range(dim) for j in range(i + 1, dim)]
-    values = np.zeros((cells, len(pairs), nodes, dim))
-    for row, (i, j) in enumerate(pairs):
-        values[:, row, :, i] -= gradients[:, j] / 2
-        values[:, row, :, j] += gradients[:, i] / 2
-    return _matrix(problem, nodes_of, values)
-
-
-def _gradients(problem: ContactProblem, nodes_of: np.ndarray) -> np.ndarray:
-    """Maps values at the nodes of each cell to the gradient of the linear field nearest to them, (cells, dim, n)."""
-    places = problem.points[nodes_of]
-    return np.linalg.pinv(places - places.mean(axis=1, keepdims=True))
-
-
-def _matrix(problem: ContactProblem, nodes_of: np.ndarray, values: np.ndarray) -> csr_matrix:
-    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix, (cells * k, N)."""
-    dim = values.shape[3]
-    columns = dim * nodes_of[:, None, :, None] + np.arange(dim)
-    rows = np.arange(values.shape[0] * values.shape[1]).reshape(*values.shape[:2], 1, 1)
-    where = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
-    return csr_matrix((values.ravel(), where), shape=(rows.size, problem.free.size))
+    def _spreads(self, points: np.ndarray, displacements: np.ndarray) -> Iterator[list[float]]:
+        """The strain and the rotation that few cells exceed, for each answer."""
+        problem = self._problem
+        each = TOGETHER if problem.spread.all_here else 1
+        for first in range(0, len(points), each):
+            part = slice(first, first + each)
+            lifts = problem.amplitudes.sum_columns(problem.lifts, points[part])
+            whole = problem.spread.whole(displacements[:, part]) + lifts
+            found = [kind.sizes(whole) for kind in self._kinds]
+            for column in range(whole.shape[1]):
+                yield [spread_strain(sizes[:, column]) for sizes in found]

@@ -27,7 +27,6 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
-from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
@@ -198,8 +197,7 @@ def build(
         StabilityWarning: if a check is close to its limit, or no training answer has contact or shows laws of bodies.
         UncheckedWarning: if the model was not compared with validation answers.
     """
-    given: Any = full
-    if not (isinstance(given, AnsweringModel) and given.of_full_order):
+    if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
     task = Task(full, snapshots, held_out, announce=announce)
     if isinstance(recipe, HyperReduction):

@@ -30,6 +30,7 @@ from hhr_dolfinx.errors import (
     UnseenLoadError,
     UnstableModelError,
 )
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
@@ -38,7 +39,6 @@ from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.snapshots.store import ArrayStore
 
 
@@ -386,7 +386,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
 
     Without validation, a model of load paths is compared with training, if there is any.
     """
-    if not model.fields.exact or model.of_full_order:
+    if not model.fields.exact or isinstance(model, FullModel):
         return
     full = task.full
     known = task.held_out

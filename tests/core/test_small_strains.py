@@ -16,7 +16,7 @@ from hhr_dolfinx.certify.strains import check_corners
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models import strains as cell_strains
-from hhr_dolfinx.models.strains import StrainOperators
+from hhr_dolfinx.models.strains import strain_kinds
 from hhr_dolfinx.study.condensing import condensed
 from hhr_dolfinx.warn import collected
 
@@ -55,7 +55,7 @@ def test_strains_in_cells_are_those_of_a_linear_field():
     problem = full.problem
     r, z = problem.points.T
     field = np.stack([0.2 * r + 0.06 * z, 0.04 * r - 0.1 * z], axis=1).ravel()
-    strain = StrainOperators.of(problem, axisymmetric=True).kinds[0].matrix
+    strain = strain_kinds(problem, axisymmetric=True)[0].matrix
     found = (strain @ field).reshape(len(problem.cell_nodes), 4)
     middle = problem.points[problem.cell_nodes].mean(axis=1)
     expected = np.tile([0.2, 0.05, -0.1, 0.0], (len(middle), 1))
@@ -72,7 +72,7 @@ def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
     turn[np.triu_indices(dim, 1)] = -np.arange(1, dim * (dim - 1) // 2 + 1) / 10.0
     turn -= turn.T
     field = (problem.points @ turn.T).ravel()
-    strain, rotation = StrainOperators.of(problem, axisymmetric=False).kinds
+    strain, rotation = strain_kinds(problem, axisymmetric=False)
     found = (rotation.matrix @ field).reshape(len(problem.cell_nodes), -1)
     assert found == pytest.approx(np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13)
     assert np.abs(strain.matrix @ field).max() < 1e-13
@@ -149,7 +149,7 @@ def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
     """Every third cell of a field that is the same in all."""
     monkeypatch.setattr(cell_strains, "CELLS", 6)
     problem = hhr.FullOrderModel(squeezed(3.0)).problem
-    strain = StrainOperators.of(problem, axisymmetric=False).kinds[0]
+    strain = strain_kinds(problem, axisymmetric=False)[0]
     assert 4 <= strain.cells <= 6
     stretched = (problem.points * [0.25, 0.0]).ravel()[:, None]
     assert strain.sizes(stretched) == pytest.approx(0.25)

@@ -26,50 +26,30 @@ ROUND_OFF = 1e-12
 
 
 class Block(NamedTuple):
-    """Modes that share entries of K~ with each other alone.
+    """Modes that share entries of K~ with each other alone."""
 
-    Attributes:
-        modes: their indices, (k,).
-        parts: numbers of the parts that act on them, (q,).
-        entries: entries of these parts transposed, one row each, (q, k * k).
-        test: columns of B~1^T on them, (k, m), in Fortran order.
-        trial: columns of B~2 on them, (m, k).
-    """
-
-    modes: np.ndarray
-    parts: np.ndarray
-    entries: np.ndarray
-    test: np.ndarray
-    trial: np.ndarray
+    modes: np.ndarray  # their indices, (k,)
+    parts: np.ndarray  # numbers of the parts that act on them, (q,)
+    entries: np.ndarray  # entries of these parts transposed, one row each, (q, k * k)
+    test: np.ndarray  # columns of B~1^T on them, (k, m), in Fortran order
+    trial: np.ndarray  # columns of B~2 on them, (m, k)
 
 
 class _Kept(NamedTuple):
-    """Arrays shared by all points of one stiffness.
+    """Arrays shared by all points of one stiffness."""
 
-    Attributes:
-        weights: of the parts of K~, (Q,).
-        schur: S, (m, m).
-        factors: of the blocks of K~.
-        per_force: K~^-1 B~1^T of each block.
-    """
-
-    weights: np.ndarray
-    schur: np.ndarray
-    factors: list
-    per_force: list[np.ndarray]
+    weights: np.ndarray  # of the parts of K~, (Q,)
+    schur: np.ndarray  # S, (m, m)
+    factors: list  # of the blocks of K~
+    per_force: list[np.ndarray]  # K~^-1 B~1^T of each block
 
 
 @dataclass(frozen=True)
 class BlockElimination(Rebuilt, Elimination):
-    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
+    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files."""
 
-    Attributes:
-        problem: the reduced problem, with the terms of its stiffness.
-        amplitudes: θ as a function of the parameters.
-    """
-
-    problem: ReducedProblem
-    amplitudes: Amplitudes
+    problem: ReducedProblem  # the reduced problem, with the terms of its stiffness
+    amplitudes: Amplitudes  # θ as a function of the parameters
 
     @cached_property
     def blocks(self) -> list[Block]:

@@ -17,8 +17,8 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
+from hhr_dolfinx.models.eliminations.elimination import AnswerTable, CondensedContact, Elimination, Responses
 from hhr_dolfinx.plain import CODE, Rebuilt
 
 if TYPE_CHECKING:
@@ -34,17 +34,11 @@ PREPARED_BYTES = 16 * 2**20
 
 @dataclass(frozen=True, eq=False)
 class ConstantElimination(Rebuilt, Elimination):
-    """Elimination of constant stiffness, done once.
+    """Elimination of constant stiffness, done once."""
 
-    Attributes:
-        responses: of the eliminated unknown.
-        amplitudes: θ as a function of the parameters.
-        factorise: factors a dense block; files do not keep it.
-    """
-
-    responses: Responses
-    amplitudes: Amplitudes
-    factorise: Factorise = field(default=dense_factors, metadata=CODE)
+    responses: Responses  # of the eliminated unknown
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    factorise: Factorise = field(default=dense_factors, metadata=CODE)  # factors a dense block; files do not keep it
 
     shares_factors = True
 
@@ -89,7 +83,7 @@ class ConstantElimination(Rebuilt, Elimination):
         changes = self.response[:, acting] @ slopes
         return changes[: len(self.responses.schur)], changes[len(self.responses.schur) :]
 
-    def table_of(self, known: KnownStatuses) -> CriticalRegions | None:
+    def table_of(self, known: KnownStatuses) -> AnswerTable | None:
         """Critical regions of the training statuses; if there are none, factor these statuses in advance."""
         return CriticalRegions.of(self, known)
 
@@ -97,22 +91,15 @@ class ConstantElimination(Rebuilt, Elimination):
         """Answers to many points; equal statuses share factors."""
         from hhr_dolfinx.models.many import answers_by_statuses
 
-        how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": "ignore"}
-        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, **how)
+        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, raise_on_failure)
 
 
+@dataclass(frozen=True, eq=False)
 class CriticalRegions:
-    """Affine map mu -> (forces, slacks, unknown) of each training status; None for a singular set.
+    """Affine map mu -> (forces, slacks, unknown) of each training status: values at mu = 0 and slopes, or None."""
 
-    Args:
-        known: statuses of the training parameters.
-        maps: for each of them, values at mu = 0 and slopes.
-    """
-
-    def __init__(self, known: KnownStatuses, maps: list[Region]):
-        self._known = known
-        self._maps = maps
-        self._m = known.active.shape[1]
+    known: KnownStatuses
+    maps: list[Region]
 
     @classmethod
     def of(cls, eliminated: ConstantElimination, known: KnownStatuses) -> CriticalRegions | None:
@@ -129,18 +116,18 @@ class CriticalRegions:
         regions = [_region(eliminated, active, columns) for active in distinct]
         return cls(known, [regions[k] for k in which.ravel()])
 
-    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
+    def __call__(self, point: np.ndarray, fields: ModelFields) -> Answer | None:
         """Answer to a point, (P,); None if the nearest statuses do not hold there."""
-        nearest = self._known.nearest(point)
-        region = self._maps[nearest]
+        nearest = self.known.nearest(point)
+        region = self.maps[nearest]
         if region is None:
             return None
         constant, slopes = region
-        m = self._m
+        active = self.known.active[nearest]
+        m = active.size
         values = constant + slopes @ point
         # the ufunc itself: its wrapper takes as long again
         if np.minimum.reduce(values[: 2 * m]) >= 0:
-            active = self._known.active[nearest]
             return Answer(point, values[2 * m :], values[:m], active, 1, Status.CONVERGED, False, fields)
         return None
 

@@ -22,7 +22,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import Factor, LapackLU, solve_columns
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
+from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers, found_as, one_by_one
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.kernel import CondensedKernel
@@ -76,11 +76,8 @@ class CondensedContact:
         return SchurEqualities.of(self.schur, LapackLU)
 
 
-class AnswerTable(Protocol):
-    """Tabulated answers."""
-
-    def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
-        """Answer to a point, (P,); None if the table has none."""
+AnswerTable = Callable[[np.ndarray, ModelFields], Answer | None]
+"""Answer to a point, (P,), with these fields; None if the table has none."""
 
 
 class Elimination(ABC):
@@ -112,7 +109,7 @@ class Elimination(ABC):
 
     def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers of a model to checked points, (n, P)."""
-        return one_by_one(model, points, {"raise_on_failure": raise_on_failure, "outside": "ignore"})
+        return one_by_one(model, points, raise_on_failure, "ignore")
 
 
 def answer_of(
@@ -120,7 +117,7 @@ def answer_of(
     point: np.ndarray,
     start: np.ndarray | None,
     pairs: Pairs | None,
-    fields: Fields,
+    fields: ModelFields,
     *,
     gradient: bool = False,
 ) -> Answer:
@@ -168,14 +165,9 @@ class Responses:
     def eliminate(
         cls, factor: Factor, loads: np.ndarray, gaps: np.ndarray, test: np.ndarray, trial: np.ndarray
     ) -> Responses:
-        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
+        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ, with a factor of K.
 
-        Args:
-            factor: of K.
-            loads: (n, 1 + T).
-            gaps: (m, 1 + T).
-            test: rows by which forces act, (m, n).
-            trial: rows by which gaps are read, (m, n).
+        Loads are (n, 1 + T), gaps (m, 1 + T), test and trial rows (m, n).
         """
         free = solve_columns(factor, loads)
         per_force = solve_columns(factor, test.T)

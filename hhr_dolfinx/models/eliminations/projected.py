@@ -18,19 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReducedTerms:
-    """Parts of a reduced stiffness that depends on parameters, K~ = sum of moduli times parts.
+    """Parts of a reduced stiffness that depends on parameters, K~ = sum of moduli times parts."""
 
-    Attributes:
-        stiffness: parts of K~, (Q, ell, ell).
-        lifts: V[A]^T K_q[A] lifts, by which the loads change with the stiffness, (Q, ell, 1 + T).
-        forces: V[A]^T F[A], loads without these, (ell, 1 + T).
-        moduli: amplitudes of the parts.
-    """
-
-    stiffness: Annotated[Floats, "parts", "modes", "modes"]
+    stiffness: Annotated[Floats, "parts", "modes", "modes"]  # parts of K~, (Q, ell, ell)
+    # V[A]^T K_q[A] lifts, by which the loads change with the stiffness, (Q, ell, 1 + T)
     lifts: Annotated[Floats, "parts", "modes", "terms"]
-    forces: Annotated[Floats, "modes", "terms"]
-    moduli: Annotated[tuple[Modulus, ...], "parts"]
+    forces: Annotated[Floats, "modes", "terms"]  # V[A]^T F[A], loads without these, (ell, 1 + T)
+    moduli: Annotated[tuple[Modulus, ...], "parts"]  # amplitudes of the parts
 
     def __post_init__(self) -> None:
         """Convert the arrays to the form of files."""

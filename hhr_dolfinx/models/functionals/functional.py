@@ -6,11 +6,12 @@ once. Derivatives are exact. At a kink, as a largest value has where two are equ
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -71,48 +72,34 @@ class _Gradient(dict[str, np.ndarray]):
         )
 
 
-class MeasuredFields(Protocol):
-    """Additional interface of fields with outputs, see :class:`models.answer.Fields`."""
-
-    @property
-    def functionals(self) -> Functionals | None:
-        """Outputs of the scene; None if it has none."""
-
-    def measured(self, answer: object, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
-
-    def measured_changes(self, answer: object, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
-
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output depends on forces,
-        their derivatives may be left out.
-        """
-
-
-class ShapeFunctionals(Protocol):
-    """All outputs of a scene whose shape depends on parameters: :class:`Functionals` on each shape.
+class AllOutputs(ABC):
+    """All outputs of a scene; here as they are read where no parameter changes the shape.
 
     Attributes:
-        axes: indices of the shape parameters; empty for a scene without shapes.
+        axes: indices of the shape parameters.
         items: one for each output, in the middle of the box.
         amplitudes: θ as a function of the parameters.
     """
 
-    axes: np.ndarray
+    axes: Any = _NOWHERE
     items: tuple[Functional, ...]
     amplitudes: Amplitudes
 
+    @abstractmethod
     def at(self, point: np.ndarray) -> Functionals:
         """Outputs on the shape at a point, (P,)."""
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
+        return answer.fields.measured(answer, theta)
 
     def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces and of these products, see :class:`MeasuredFields`."""
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
+        return answer.fields.measured_changes(answer, changes)
 
     def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
         """Derivatives of all outputs along the shape parameters at fixed states, (outputs, P)."""
+        return np.zeros((len(states), answer.parameter.size))
 
 
 class State(NamedTuple):
@@ -199,36 +186,16 @@ class Functional:
 
 
 @dataclass(frozen=True, eq=False)
-class Functionals:
-    """All outputs of a scene.
-
-    Attributes:
-        items: one for each output.
-        size: N, number of dofs.
-        amplitudes: θ as a function of the parameters.
-    """
+class Functionals(AllOutputs):
+    """All outputs of a scene on one shape, (N dofs)."""
 
     items: tuple[Functional, ...]
     size: Annotated[Size, "N"]
     amplitudes: Amplitudes
 
-    axes: ClassVar[np.ndarray] = _NOWHERE
-
     def at(self, point: np.ndarray) -> Functionals:
         """Itself: no parameter changes the shape."""
         return self
-
-    def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
-        """See :class:`ShapeFunctionals`."""
-        return answer.fields.measured(answer, theta)
-
-    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`ShapeFunctionals`."""
-        return answer.fields.measured_changes(answer, changes)
-
-    def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
-        """Zero: no parameter changes the shape."""
-        return np.zeros((len(states), answer.parameter.size))
 
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
         """Rows of all outputs times a displacement, (N, ...): (K, ...)."""

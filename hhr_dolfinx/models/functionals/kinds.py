@@ -81,8 +81,8 @@ class Linear(Functional):
 
 
 @dataclass(frozen=True, eq=False)
-class Largest(Functional):
-    """Largest pressure, force over area.
+class OfPressures(Functional):
+    """Output of pressures, force over area.
 
     Attributes:
         conditions, areas: (c,) each.
@@ -93,21 +93,9 @@ class Largest(Functional):
     conditions: Annotated[Integers, "conditions"]
     areas: Annotated[Floats, "conditions"]
 
-    def value(self, state: State) -> float:
-        """Largest pressure of all conditions."""
-        return float((state.forces[self.conditions] / self.areas).max())
-
-    def slopes(self, state: State) -> Slopes:
-        """Slopes of the condition where the maximum is attained."""
-        pressures = state.forces[self.conditions] / self.areas
-        place = pressures.argmax()
-        return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place))
-
-    def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Pressure of the condition where the maximum is attained."""
-        assert isinstance(there, Largest)
-        place = (state.forces[self.conditions] / self.areas).argmax()
-        return float(shifted.forces[self.conditions[place]] / there.areas[place])
+    def pressures(self, state: State) -> np.ndarray:
+        """Pressure of each condition, (c,)."""
+        return state.forces[self.conditions] / self.areas
 
     def indices(self) -> dict[str, np.ndarray]:
         """Conditions."""
@@ -115,20 +103,36 @@ class Largest(Functional):
 
 
 @dataclass(frozen=True, eq=False)
-class Loaded(Functional):
+class Largest(OfPressures):
+    """Largest pressure."""
+
+    def value(self, state: State) -> float:
+        """Largest pressure of all conditions."""
+        return float(self.pressures(state).max())
+
+    def slopes(self, state: State) -> Slopes:
+        """Slopes of the condition where the maximum is attained."""
+        pressures = self.pressures(state)
+        place = int(pressures.argmax())
+        return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place))
+
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """Pressure of the condition where the maximum is attained."""
+        assert isinstance(there, Largest)
+        place = self.pressures(state).argmax()
+        return float(shifted.forces[self.conditions[place]] / there.areas[place])
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded(OfPressures):
     """Area under load times a factor and an offset; piecewise constant on one mesh, so that its derivatives are zero.
 
     It jumps when a condition comes under load.
 
     Attributes:
-        conditions, areas: (c,) each.
         offset, factor: terms of its value.
     """
 
-    uses_forces: ClassVar[bool] = True
-
-    conditions: Annotated[Integers, "conditions"]
-    areas: Annotated[Floats, "conditions"]
     offset: float
     factor: float
 
@@ -147,13 +151,9 @@ class Loaded(Functional):
 
     def _loaded(self, state: State) -> np.ndarray:
         """Conditions under load, (c,) bool."""
-        pressures = state.forces[self.conditions] / self.areas
+        pressures = self.pressures(state)
         largest = pressures.max()
         return (pressures > LOADED * largest) & (largest > 0)
-
-    def indices(self) -> dict[str, np.ndarray]:
-        """Conditions."""
-        return {"conditions": self.conditions}
 
 
 def tied(values: np.ndarray, place: int) -> bool:

@@ -42,15 +42,11 @@ class StressOutput(Protocol):
 
 
 class Equilibrium(Protocol):
-    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it.
-
-    Attributes:
-        reader: name of the plug-in, whose facets do the rest, see :func:`facet_of`.
-    """
+    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it."""
 
     @property
     def reader(self) -> str:
-        """See the class."""
+        """Name of the plug-in, whose facets do the rest, see :func:`facet_of`."""
 
     def march(
         self,
@@ -69,15 +65,11 @@ class Equilibrium(Protocol):
 
 
 class FullEquilibrium(Equilibrium, Protocol):
-    """Equilibrium on the whole mesh.
-
-    Attributes:
-        places: number of places at which laws are evaluated.
-    """
+    """Equilibrium on the whole mesh."""
 
     @property
     def places(self) -> int:
-        """See the class."""
+        """Number of places at which laws are evaluated."""
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation at these places, (places, components)."""
@@ -132,8 +124,6 @@ def _said(estimate: float) -> str:
 
 
 SEARCHES = ("tangent", "frozen", "elastic")
-
-
 LEAST_TOLERANCE = 1e-5
 """Time tolerance below which the residual left in a step counts as much as its duration."""
 

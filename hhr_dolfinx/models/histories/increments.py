@@ -7,8 +7,7 @@ until their difference, which the law measures, is small; the difference is abou
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.histories.path import check_settings, left_with
 from hhr_dolfinx.one_thread import one_thread
 
 PROPORTIONAL = 4
@@ -74,34 +73,38 @@ class Increment(Protocol):
 
     @property
     def reached(self) -> Any:
-        """The :class:`Place` at its end."""
+        """Place at its end."""
 
 
-class Increments(Protocol):
+P = TypeVar("P", bound=Place)
+S = TypeVar("S", bound=Increment)
+
+
+class Increments(Protocol[P, S]):
     """Solves the increments of one history of a model by its law; a facet of the law's plug-in makes it."""
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Any:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:
         """Place of undeformed bodies."""
 
-    def going_on(self, answer: Answer, weights: np.ndarray) -> Any:
+    def going_on(self, answer: Answer, weights: np.ndarray) -> P:
         """Place after a step that the full model solved before."""
 
-    def increment(self, before: Any, target: Target) -> Any:
-        """Solve one increment, an :class:`Increment`; it may not converge."""
+    def increment(self, before: P, target: Target) -> S:
+        """Solve one increment; it may not converge."""
 
-    def compare(self, solved: Any) -> None:
+    def compare(self, solved: S) -> None:
         """Take in the size of an increment, by which differences are measured."""
 
-    def difference(self, before: Any, half: Any, second: Any, whole: Any) -> float:
+    def difference(self, before: P, half: S, second: S, whole: S) -> float:
         """Relative difference of a step in two halves to the whole one."""
 
-    def check(self, place: Any) -> None:
+    def check(self, place: P) -> None:
         """Check the place at the end of a step, and warn."""
 
-    def answer(self, solved: Any) -> Answer:
+    def answer(self, solved: S) -> Answer:
         """Answer of an increment."""
 
-    def advice(self, solved: Any) -> Mapping[Status, str]:
+    def advice(self, solved: S) -> Mapping[Status, str]:
         """Remedy for its status, for messages."""
 
 
@@ -124,7 +127,7 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def advance(self, before: Any, target: Target, depth: int = 0, whole: Any = None) -> Any:
+    def advance(self, before: Place, target: Target, depth: int = 0, whole: Increment | None = None) -> Increment:
         """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
         if whole is None:
             whole = self._solved(before, target)
@@ -148,14 +151,14 @@ class _Step:
         self._ended(middle.time, first)
         return self.advance(first.reached, target, depth + 1)
 
-    def _ended(self, time: float, part: Any) -> None:
+    def _ended(self, time: float, part: Increment) -> None:
         """Report an increment within the step, at a time."""
         self.ends.append(time)
         if self._watch is not None:
             self._watch(self.increments.answer(part))
 
-    def _solved(self, before: Any, target: Target) -> Any:
-        solved = self.increments.increment(before, target)
+    def _solved(self, before: Place, target: Target) -> Increment:
+        solved: Increment = self.increments.increment(before, target)
         if self.tolerance is not None and solved.status is Status.CONVERGED:
             self.increments.compare(solved)
         self.iterations += solved.iterations
@@ -174,15 +177,14 @@ def follow(
     keep: Callable[[Answer], None] = lambda answer: None,
     watch: Callable[[Answer], None] | None = None,
 ) -> History:
-    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of the path.
+    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of a checked path.
 
     Args:
         model: with a ``law``, and ``increments`` that solve by it.
-        path: as :func:`~hhr_dolfinx.models.histories.path.checked_path` returns it.
+        path, known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
         settings: ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
         weights: derivatives of the parameters at each time of the path along those of the whole history, (times, P). 1
             by default: each parameter is shifted by the same at all times.
-        known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
         watch: called with the answer of each increment, also of the parts of a step.
     """
     check_settings(settings)
@@ -193,7 +195,7 @@ def follow(
     reached = increments.at_rest(*path[0], weights[0])
     error = 0.0
     warned = False
-    try:
+    with left_with(history):
         for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
             if number < len(known) and not settings.gradient:
                 answer = known[number]
@@ -218,14 +220,10 @@ def follow(
             history.cuts += answer.parts > 1
             history.answers.append(answer)
             keep(answer)
-    except BaseException as stop:
-        with suppress(AttributeError):
-            stop.history = history  # type: ignore[attr-defined]
-        raise
     return history
 
 
-def _checked_answer(model: Any, step: _Step, solved: Any) -> Answer:
+def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:
     """Answer at the end of a step; raises an error without one."""
     answer = step.increments.answer(solved)
     answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))

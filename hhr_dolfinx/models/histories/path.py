@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 
 def check_settings(settings: object) -> None:
-    """Refuse invalid settings of a history.
-
-    Raises:
-        ParameterError: with the value given.
-    """
+    """Raise ParameterError for settings of a history that are no MarchSettings."""
     if not isinstance(settings, MarchSettings):
         raise ParameterError(f"the settings {settings!r} of a history must be MarchSettings, or left out")
 
@@ -47,6 +43,17 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
     return checked
 
 
+@contextmanager
+def left_with(history: History) -> Iterator[None]:
+    """Give what ends a block, a keyboard interrupt too, an attribute ``history`` with the steps before."""
+    try:
+        yield
+    except BaseException as stop:  # a law may raise anything, and a user may interrupt
+        with suppress(AttributeError):
+            stop.history = history  # type: ignore[attr-defined]
+        raise
+
+
 def solve_along(
     model: Model,
     path: Path,
@@ -55,18 +62,14 @@ def solve_along(
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
-    """History of an elastic model: every point is solved from the statuses of the one before.
+    """History of an elastic model along a checked path: every point is solved from the statuses of the one before.
 
-    Args:
-        model: full, reduced or condensed.
-        path: as :func:`checked_path` returns it.
-        settings: ``outside`` counts.
-        known, keep: see :meth:`FullOrderModel.march`.
+    Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
     history = History(*path[0])
     start: str | np.ndarray = "nearest"
-    try:
+    with left_with(history):
         for number, (time, point) in enumerate(path[1:]):
             if number < len(known):
                 answer = known[number]
@@ -78,8 +81,4 @@ def solve_along(
                 keep(answer)
             history.answers.append(answer)
             start = answer.active
-    except BaseException as stop:
-        with suppress(AttributeError):
-            stop.history = history  # type: ignore[attr-defined]
-        raise
     return history

@@ -207,6 +207,7 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
         return model.outputs(point)[output.name]
 
     full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
+    assert full.functionals is not None
     (item,) = full.functionals.items
     same = (item.name, item.unit) == (output.name, output.unit)
     _require(same, "name", item.name, item.unit, output.name, output.unit)

@@ -20,6 +20,7 @@ from hhr_dolfinx.models.estimates import (
     relative_error,
     relative_errors,
 )
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
@@ -268,7 +269,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
         raise BoundError(
             f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
         )
-    if not (isinstance(full, AnsweringModel) and full.of_full_order):
+    if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
     if reduced.parameters != full.parameters:
         raise ReductionError(
@@ -286,7 +287,7 @@ def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
     if full.law.plugin != own.whole.plugin or full.equilibrium is not None:
         what = "bodies that flow" if full.equilibrium is not None else full.law.name
         raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
-    if differences := own.differences(full, reduced.parameters.random(1, seed=1)[0]):
+    if differences := own.differences(full.problem, reduced.parameters.random(1, seed=1)[0]):
         raise ReductionError(f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.models.answer import Answer, Fields, found_as
+from hhr_dolfinx.models.answer import Answer, ModelFields, found_as
 from hhr_dolfinx.models.gradient import Gradient, grazing
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities, floating_set, open_motions
 
@@ -34,7 +34,7 @@ class Floating:
     drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
     def answer(
-        self, contact: CondensedContact, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Fields,
+        self, contact: CondensedContact, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: ModelFields,
         gradient: bool,
     ) -> Answer:  # fmt: skip
         """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""

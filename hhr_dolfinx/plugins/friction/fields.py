@@ -20,7 +20,6 @@ from hhr_dolfinx.plugins.friction.sliding_set import bounds
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.models.completion import FullOrder
 
 FULL = 1e-3
 """Margin, as a part of its bound, within which a tangential force outside the RID counts as slipping: it is fitted
@@ -90,11 +89,11 @@ class FrictionalFields:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
         return self.friction
 
-    def differences(self, full: FullOrder, point: np.ndarray) -> str:
+    def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
-        law: Any = full.problem.law
+        law: Any = problem.law
         bounds_ = zip(self.friction.bounds(point), law.bounds(point), strict=True)
-        mark = mark_of(full.problem)
+        mark = mark_of(problem)
         sizes = np.maximum(np.abs(mark), np.abs(self.mark))
         alike = all(one.shape == other.shape and np.allclose(one, other, rtol=ALIKE) for one, other in bounds_)
         same = alike and not (np.abs(mark - self.mark) > ALIKE * sizes).any()

@@ -139,7 +139,7 @@ class PlasticFields:
 
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
-    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`."""
+    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
     amplitudes: Amplitudes  # θ as a function of the parameters
     factors: PartFactors  # moduli of the parts of the stiffness
@@ -225,7 +225,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return found + self.factors.compliances(answer.parameter) @ elastic
 
     def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.functionals.functional.MeasuredFields`."""
+        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
         assert answer.gradient is not None
         per_mode, given, per_force, forced = self._measures
         theta = self._dense(answer.parameter)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,7 +27,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
-from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.histories.path import check_settings, left_with
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import PointLike
@@ -115,21 +114,16 @@ def march(
             "differences of answers"
         )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    try:
-        with model.lock:
-            _march(model.at(path[0][1]), path, settings, history, known, keep)
-    except Diverged as failure:
-        step = len(history.answers) + 1
-        error = ConvergenceError(
-            f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
-            f"Take smaller steps; the {step - 1} steps before are kept"
-        )
-        error.history = history  # type: ignore[attr-defined]
-        raise error from None
-    except BaseException as stop:  # a law may raise anything, and a user may interrupt
-        with suppress(AttributeError):
-            stop.history = history  # type: ignore[attr-defined]
-        raise
+    with left_with(history):
+        try:
+            with model.lock:
+                _march(model.at(path[0][1]), path, settings, history, known, keep)
+        except Diverged as failure:
+            step = len(history.answers) + 1
+            raise ConvergenceError(
+                f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+                f"Take smaller steps; the {step - 1} steps before are kept"
+            ) from None
     warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
         from hhr_dolfinx.plugins.inelastic.history_gradient import with_gradients

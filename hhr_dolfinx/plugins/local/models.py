@@ -225,8 +225,7 @@ class LocalModels(KeptModel):
         # statuses of another model, as along a path
         if isinstance(start, np.ndarray) and start.size != model.own_conditions:
             start = NEAREST
-        if model._range is not None:
-            model._range.check(point, outside)
+        model.check_range(point, outside)
         return model._answered(point, start, outside, gradient)
 
     def _checked_start(self, start: Any) -> CheckedStart:

@@ -13,7 +13,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import SchurEqualities
@@ -447,25 +447,15 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
             return np.full(len(self.basis), np.nan)
         return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
-    def stress(self, answer: Answer) -> np.ndarray:
-        """Stress at the midpoint of each cell, Kelvin's notation; NotOfferedError by a model without a mesh."""
-        if self.stress_of is None:
-            raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
-        return self.stress_of(self.displacement(answer), answer.parameter)
+    def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
+        return rows @ self.basis
 
-    def _columns(self) -> np.ndarray:
-        return self.basis
-
-    def _terms(self, rows: object) -> np.ndarray:
+    def _terms(self, rows: csr_matrix) -> np.ndarray:
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
         """Coordinates in the basis, gamma, (ell,), under the forces of an answer; NotOfferedError without fields."""
         return self._solver.under(answer.parameter, answer.multipliers)
-
-    def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        assert answer.gradient is not None
-        return answer.gradient.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         """Derivatives of gamma, (ell, P)."""

@@ -5,7 +5,7 @@
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;
-  const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // limits of small strains, see models.histories.small_strains
+  const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // limits of small strains, see models.strains
   const STEPS = 40; // increments from one end of a parameter's range to the other
   const norm = (values) => Math.sqrt(values.reduce((t, x) => t + x * x, 0));
 

@@ -7,7 +7,6 @@ a reduced displacement. Rows of strain are too many to interpolate; they are com
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -17,7 +16,7 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
+from hhr_dolfinx.models.functionals.functional import AllOutputs, Functional, Functionals, State
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
@@ -42,23 +41,17 @@ class MovingMises(Mises):
     cells: MovingCells
 
 
-class OverShapes(ABC):
-    """How outputs are read on other shapes, see :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
+class OverShapes(AllOutputs):
+    """How outputs are read on other shapes.
 
     Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the displacement, or its
     components in a basis; and ``coordinate_changes``, derivatives of all contact forces and of these.
 
     Attributes:
-        axes: indices of the shape parameters.
         parameters: the box of the parameters.
     """
 
-    axes: Any
     parameters: ParameterSpace
-
-    @abstractmethod
-    def at(self, point: np.ndarray) -> Functionals:
-        """Outputs on the shape at a point, (P,)."""
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""

@@ -27,7 +27,7 @@ SHAPES = 8
 class FullShapeFunctionals(OverShapes):
     """Outputs of a full model with variable shape, prepared on the mesh at a point.
 
-    See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
+    See :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`.
 
     Args:
         discretisation: mesh and forms.

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
+from hhr_dolfinx.certify.constants import DENSE, extreme_eigenvalue
 from hhr_dolfinx.errors import BoundError, NotSolvableError
 
 if TYPE_CHECKING:

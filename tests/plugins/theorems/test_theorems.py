@@ -15,7 +15,7 @@ from scipy.sparse import diags
 from tubes import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify import eigenvalues
+from hhr_dolfinx.certify import constants
 from hhr_dolfinx.certify.constants import FullConstants, smallest_singular_value
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, ReductionError
@@ -132,7 +132,7 @@ def clustered(size, width):
 def test_eigenvalues_that_lie_close(size, width):
     """LAPACK finds those of few rows to round-off; of 3000 rows the value is as near as the second tolerance, 1e-5."""
     values = clustered(size, width)
-    accuracy = 1e-12 if size <= eigenvalues.DENSE else eigenvalues.TOLERANCES[1]
+    accuracy = 1e-12 if size <= constants.DENSE else constants.TOLERANCES[1]
     matrix, turned = diags(values).tocsr(), diags(5 - values).tocsr()
     assert smallest_singular_value(diags(np.sqrt(values)).tocsr()) == pytest.approx(np.sqrt(values.min()), rel=accuracy)
     assert smallest_eigenvalue(matrix, lambda rhs: rhs / values) == pytest.approx(values.min(), rel=accuracy)
