@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -74,6 +75,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         keeps_columns: K^-1 B^T fits into memory; without it S is made at its first use, and a displacement takes one
             more solution.
+        pairs: conditions by contact pair.
         equilibrium: answers paths of bodies with laws; None for elastic ones.
         functionals: outputs of the scene; None without outputs.
         trained: None: a full model has no training range.
@@ -103,15 +105,12 @@ class FullOrderModel(AnsweringModel, ModelFields):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals = self._prepared_outputs()
+            self.functionals: Functionals | ShapeFunctionals | None = None
+            if scene.outputs:
+                from hhr_dolfinx.full_order.outputs import functionals_of
+
+                self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
-
-    def _prepared_outputs(self) -> Functionals | ShapeFunctionals | None:
-        if not self.scene.outputs:
-            return None
-        from hhr_dolfinx.full_order.outputs import functionals_of
-
-        return functionals_of(self.discretisation, self.problem, self.equilibrium)
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -125,13 +124,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """
         self.discretisation = discretisation
         problem = discretisation.contact_problem(stiffness, moduli)
-        self.problem = problem = (
-            problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
-        )
+        if discretisation.reshaped is not None:
+            problem = discretisation.reshaped.attached(problem)
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
         self.law = problem.law
-        self.keeps_columns = self._has_room()
+        few = self.has_room(problem.free.size)
+        self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
@@ -149,7 +148,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             self._take_parts()
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
-        self._pairs = Pairs.of(problem.contact_pairs)
+        self.pairs = Pairs.of(problem.contact_pairs)
         self.advice = dict(FULL_ORDER_ADVICE)
         if problem.kernel is not None:
             self.advice[Status.ADRIFT] = f"hold it by a displacement, or push it: {problem.kernel.described}"
@@ -200,12 +199,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
         return 8 * rows * self.conditions <= KEPT_BYTES
-
-    def _has_room(self) -> bool:
-        """True if K^-1 B^T is kept: if it is small, for bodies with laws, and for a singular K."""
-        problem = self.problem
-        few = self.has_room(problem.free.size)
-        return few or bool(self.scene.reader) or problem.kernel is not None
 
     @property
     def per_force(self) -> np.ndarray:
@@ -259,16 +252,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def conditions(self) -> int:
         """Number of contact conditions, N_lambda."""
         return len(self.problem.gaps)
-
-    @property
-    def block_ordering(self) -> str:
-        """Ordering of factors for many right-hand sides at once."""
-        return ordering_of(self.problem.block_size, "mumps")
-
-    @property
-    def pairs(self) -> Pairs | None:
-        """Conditions by contact pair."""
-        return self._pairs
 
     def __copy__(self) -> FullOrderModel:
         """Another model with the same factors."""
@@ -326,11 +309,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start
-        if self.system.anew:
-            with at.stiffness.held():
-                answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
-        else:
-            answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
+        with at.stiffness.held() if self.system.anew else nullcontext():
+            answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer
 

@@ -47,17 +47,16 @@ def field_of(discretisation: DiscreteSpace, displacement: np.ndarray) -> fem.Fun
 def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
     """Stress of a body, by its index, in UFL, at a point of the parameters, (P,)."""
     scene = discretisation.scene
-    dilatation = None
-    if discretisation.mean_dilatation[place]:
-        dilatation = discretisation.cell_means(ufl.tr(elasticity.strain(field, scene.hypothesis)))
-    eigenstrain = None
     body = scene.bodies[place]
+    strain = elasticity.strain(field, scene.hypothesis)
+    if body.stress is not None:
+        return body.stress(strain)
+    dilatation = discretisation.cell_means(ufl.tr(strain)) if discretisation.mean_dilatation[place] else None
+    eigenstrain = None
     if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
         from hhr_dolfinx.full_order.gauss_points import eigenstrain_at
 
         eigenstrain = eigenstrain_at(discretisation, place, point)
-    if body.stress is not None:
-        return body.stress(elasticity.strain(field, scene.hypothesis))
     if not body.varies and body.grading is None and eigenstrain is None:
         moduli = discretisation.constant(body.young), discretisation.constant(body.poisson)
         return elasticity.stress(field, *moduli, scene.hypothesis, dilatation)

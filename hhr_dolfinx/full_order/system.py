@@ -141,11 +141,21 @@ class System(ABC):
 
 
 class _OfParts(System):
-    """A system whose K is the sum of the parts of its problem."""
+    """A system whose K is the sum of the parts of its problem; the last K is kept, as often only loads change."""
+
+    _last: tuple[np.ndarray, Any] | None = None
 
     def parts(self) -> Parts:
         """See :class:`System`."""
         return self.problem.moduli, self.problem.stiffness_terms
+
+    def _kept(self, scales: np.ndarray, made: Callable[[np.ndarray], Any]) -> Any:
+        """K for some scales; several threads may call this."""
+        last = self._last
+        if last is None or not np.array_equal(last[0], scales):
+            self._last = None  # K may be larger than everything else
+            self._last = last = scales, made(scales)
+        return last[1]
 
 
 class ConstantSystem(_OfParts):
@@ -175,7 +185,6 @@ class ScaledSystem(_OfParts):
     def __init__(self, bodies: ScaledBodies, *given: Any):
         super().__init__(*given)
         self.bodies: ScaledBodies = bodies
-        self._last: tuple[np.ndarray, Stiffness] | None = None
 
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
@@ -183,29 +192,20 @@ class ScaledSystem(_OfParts):
         return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
-        """K at a point, (P,), cached for the same moduli, so that increments reuse factors."""
-        scales = self.bodies.at(point)
-        last = self._last
-        if last is None or not np.array_equal(last[0], scales):
-            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may call this
-        return last[1]
+        """K at a point, (P,)."""
+        found: Stiffness = self._kept(self.bodies.at(point), lambda scales: self.middle().scaled(scales))
+        return found
 
 
 class SummedSystem(_OfParts):
     """A weighted sum of parts, which is factored."""
 
-    _last: tuple[np.ndarray, Stiffness] | None = None
-
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`; K is cached, since along a path usually only loads change."""
+        """See :class:`System`."""
         problem = self.problem
         weights = problem.weights(point)
-        last = self._last
-        if last is None or not np.array_equal(last[0], weights):
-            self._last = None  # K may be larger than everything else
-            stiffness = self.made(problem.stiffness_of(weights), problem)
-            self._last = last = weights, stiffness
-        return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
+        stiffness = self._kept(weights, lambda weights: self.made(problem.stiffness_of(weights), problem))
+        return problem, stiffness, problem.loads_of(weights)[problem.rows] @ theta
 
 
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:

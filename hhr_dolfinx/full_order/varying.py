@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.full_order.gauss_points import Part, grading_of, parts_of
+from hhr_dolfinx.full_order.gauss_points import add_stiffness, grading_of, parts_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -29,25 +29,24 @@ if TYPE_CHECKING:
 def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Local rows of the parts of K, with one pattern, and their moduli."""
     scene = discretisation.scene
-    names = discretisation.scene.parameters.names
-    parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
-    constant = [part for part in parts if not scene.bodies[part.body].varies]
-    varying = [part for part in parts if scene.bodies[part.body].varies]
-    groups = [(varied, [(varied.body, varied.moduli)]) for varied in varying]
+    names = scene.parameters.names
+    groups: list[tuple[Modulus, dict[int, tuple[float, float]]]] = []
+    constant = {}
+    for place, body in enumerate(scene.bodies):
+        for part in parts_of(body, place, scene.hypothesis):
+            if body.varies:
+                groups.append((Modulus(part.factor, part.rest, names), {place: part.moduli}))
+            else:
+                factor = float(part.factor)
+                constant[place] = factor * part.moduli[0], factor * part.moduli[1]
+    varies = bool(groups)
     if constant:
-        scaled = [
-            (part.body, (float(part.factor) * part.moduli[0], float(part.factor) * part.moduli[1])) for part in constant
-        ]
-        groups.append((Part(-1, "1", "1", (0.0, 0.0)), scaled))
-    matrices = []
-    moduli = []
-    for part, members in groups:
-        matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
-        moduli.append(Modulus(part.factor, part.rest, names))
+        groups.append((Modulus("1", "1", names), constant))
+    matrices = [discretisation.own_rows(_assembled(discretisation, members)) for _, members in groups]
     pattern = discretisation.common_pattern or CommonPattern(matrices)
     if scene.shapes:  # matrices are assembled again
         discretisation.common_pattern = pattern
-    return pattern.filled(matrices), tuple(moduli) if varying else ()
+    return pattern.filled(matrices), tuple(modulus for modulus, _ in groups) if varies else ()
 
 
 class CommonPattern:
@@ -77,26 +76,23 @@ class CommonPattern:
         return tuple(found)
 
 
-def _assembled(discretisation: DiscreteSpace, members: list) -> PETSc.Mat:
-    """Stiffness of some bodies, given as indices with the weights of their parts, in the pattern of the whole mesh."""
+def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, float]]) -> PETSc.Mat:
+    """Stiffness of some bodies, weights of their parts by index, in the pattern of the whole mesh."""
     matrix = discretisation.empty_matrix()
-    ordinary = [item for item in members if not discretisation.mean_dilatation[item[0]]]
+    averaged = {place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]}
+    ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
     if ordinary:
-        fem_petsc.assemble_matrix(matrix, fem.form(sum(_form(discretisation, *item) for item in ordinary)))
-    averaged = {place: moduli for place, moduli in members if discretisation.mean_dilatation[place]}
+        fem_petsc.assemble_matrix(matrix, fem.form(sum(ordinary)))
     if averaged:
-        from hhr_dolfinx.full_order.gauss_points import add_parts
-
-        add_parts(discretisation, matrix, averaged)
+        add_stiffness(discretisation, matrix, averaged)
     matrix.assemble()
     return matrix
 
 
 def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]) -> ufl.Form:
     """Form of one body for given weights of its parts."""
-    scene = discretisation.scene
     body = discretisation.scene.bodies[place]
-    hypothesis = scene.hypothesis
+    hypothesis = discretisation.scene.hypothesis
     dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
@@ -121,8 +117,9 @@ def stress_of(
     """
     names = discretisation.scene.parameters.names
     hypothesis = discretisation.scene.hypothesis
-    formulas = (str(body.young), str(body.poisson))
-    young, poisson = (discretisation.constant(Scalar(text, names).value(point)) for text in formulas)
+    young, poisson = (
+        discretisation.constant(Scalar(str(text), names).value(point)) for text in (body.young, body.poisson)
+    )
     strain = elasticity.strain(field, hypothesis, poisson)
     if dilatation is not None:
         strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)

@@ -104,10 +104,6 @@ class FullModel(Fields, Model, Protocol):
         """True if K^-1 B^T has room in memory."""
 
     @property
-    def block_ordering(self) -> str:
-        """Ordering of factors for many right-hand sides at once."""
-
-    @property
     def functionals(self) -> Functionals | ShapeFunctionals | None:
         """Outputs of the scene; None if it has none."""
 

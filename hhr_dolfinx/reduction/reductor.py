@@ -31,7 +31,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
-from hhr_dolfinx.reduction.laws import bodies_of
+from hhr_dolfinx.reduction.interface import bodies_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
@@ -272,8 +272,9 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
         warn_of_training(task.full, task.snapshots, task.held_out)
     if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
         task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
-        full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
-        task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
+        problem = task.full.problem
+        snapshots, held_out = (item and item.gathered(problem) for item in (task.snapshots, task.held_out))
+        task = replace(task, full=task.full.gathered(), snapshots=snapshots, held_out=held_out)
     with task.full.problem.group.together(f"reducing scene '{task.full.scene.name}'"):
         return _driven(reductor, task, reductor.prepare(task, before))
 
@@ -291,8 +292,9 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         _check_scene(task.full, reductor, model)
         _check_claim(reductor, task, model)
         comparison, trained = reductor.compare(task, model)
-        if trained is None and not reductor.own_range:
-            trained = _range_of(task)
+        known = task.snapshots
+        if trained is None and not (reductor.own_range or known is None or known.histories):
+            trained = TrainedRange.of(known.points, task.full.parameters)
         if isinstance(model, KeptModel) and "trained" in model.kept and trained is not model.trained:
             model = model.changed(trained=trained)
         return model, facts, comparison
@@ -321,20 +323,6 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     return model
 
 
-def _range_of(task: Task) -> TrainedRange | None:
-    """Box around the training points; None for paths, and without a training."""
-    snapshots = task.snapshots
-    return None if snapshots is None or snapshots.histories else TrainedRange.of(snapshots.points, task.full.parameters)
-
-
-def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
-    problem = full.problem
-    if problem.spread.all_here:
-        return full, *sets
-    return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
-
-
 def compared(
     task: Task, model: Any, limits: TrustLimits | None, remedy: str | Mapping[str, str] = OF_A_RID
 ) -> tuple[Comparison | None, Trained | None]:
@@ -342,9 +330,7 @@ def compared(
 
     The training range of a model of load paths is known only after it has solved the known paths.
     """
-    full = task.full
-    snapshots = task.snapshots
-    held_out = task.held_out
+    full, snapshots, held_out = task.full, task.snapshots, task.held_out
     if snapshots is None:
         return None, model.trained
     with task.log.stage("validation", task.announce):
@@ -362,9 +348,13 @@ def compared(
         return comparison, model.trained
 
 
+def _name_of(reductor: Any) -> str:
+    return type(getattr(reductor, "given", reductor)).__name__
+
+
 def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
-    name = f"{type(getattr(reductor, 'given', reductor)).__name__} made"
+    name = f"{_name_of(reductor)} made"
     if not isinstance(found, AnsweringModel):
         raise ReductionError(f"{name} {found!r}: it must return a model")
     own = found.parameters.names, found.conditions
@@ -382,10 +372,7 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
 
 
 def _check_claim(reductor: Any, task: Task, model: Any) -> None:
-    """Compare a model that calls itself exact with validation answers, or with fresh ones; see :func:`check_claim`.
-
-    Without validation, a model of load paths is compared with training, if there is any.
-    """
+    """Compare a model that calls itself exact with validation answers, or else with fresh ones; of paths, training."""
     if not model.fields.exact or model.of_full_order:
         return
     full = task.full
@@ -395,7 +382,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     elif known is None and task.sure:
         known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
     if known is not None:
-        check_claim(type(getattr(reductor, "given", reductor)).__name__, full, model, known)
+        check_claim(_name_of(reductor), full, model, known)
 
 
 def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:

@@ -165,7 +165,7 @@ class _Comparison:
 
 
 class _Reduction:
-    """See :class:`hhr_dolfinx.reduction.laws.ReducedBodies`."""
+    """See :class:`hhr_dolfinx.reduction.interface.ReducedBodies`."""
 
     fitted = staticmethod(FittedFlow.of)
     checked = staticmethod(checked_histories)
