@@ -246,6 +246,7 @@ BY_WORD = {
     "moduli": "moduli",
     "interpolated": "moduli",
     "shape": "shapes",
+    "floating": "floating",
 }
 """Plug-ins of all kinds that have a word in their names."""
 

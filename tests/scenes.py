@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.reduction.projection import reduced_domain
-from hhr_dolfinx.shapes import coordinate_names
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""

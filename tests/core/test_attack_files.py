@@ -8,10 +8,11 @@ import pytest
 import ufl
 from bare import SCENE_FOLDERS
 from dolfinx import fem
+from launched import launch
 from libraries import MED, needs_med
 from mpi4py import MPI
+from needs import needs
 from test_mesh_files import write_exodus
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError
@@ -172,6 +173,7 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
+@needs("ranks")
 def test_ranks_have_the_same_surfaces(folder):
     program = PROGRAM.format(folders=SCENE_FOLDERS, paths=[str(folder / name) for name in ("2.2_1.msh", "flat.inp")])
     one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))

@@ -23,7 +23,7 @@ def built(pairing=hhr.NodeToSurface, **changes):
     return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), **changes))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar, hhr.DoublePass])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("by_normal", [True, False])
 def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
     """Both bodies' undersides, and blocks that stand beside each other."""
@@ -79,7 +79,8 @@ def test_an_overlap_larger_than_a_cell_is_named(pairing):
         hhr.FullOrderModel(shrink_fit(pairing, 4, interference=0.4))
 
 
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
+@needs("mortar")
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_normals_tags_and_multipliers_that_are_none(pairing):
     tags = patch.scene(pairing).contacts[0].tags
     for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)):

@@ -15,9 +15,9 @@ import contract
 import numpy as np
 import pytest
 from bare import WAIT, python
+from launched import run_program
 from needs import needs, present
 from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, TRAIN, invoke, run
-from test_mpi import run_program
 
 import hhr_dolfinx as hhr
 
@@ -111,6 +111,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
 
 
+@needs("differences")
 def test_scene_and_model_answer_alike(trained, full, model):
     code, output = invoke("solve", DEMO, *AT)
     exact, answer = told(output), full.solve(POINT)
@@ -217,7 +218,7 @@ def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
     assert code == 0 and (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
 
 
-@needs("tables")
+@needs("ranks", "tables")
 def test_two_ranks_answer_as_one(trained, tmp_path):
     folder, _ = trained
     words = [*PROGRAM, *TRAIN, "--out", str(tmp_path / "of two")]
@@ -239,6 +240,7 @@ def test_two_ranks_answer_as_one(trained, tmp_path):
             np.testing.assert_allclose(*values, rtol=1e-7, atol=1e-7, err_msg=name)
 
 
+@needs("ranks")
 def test_ranks_refuse_as_one(tmp_path):
     found = run_program(2, [*PROGRAM, "train", str(tmp_path / "no.py")])
     assert found.returncode == 3 and found.stderr.count("error: there is no file") == 1

@@ -165,6 +165,7 @@ def test_without_its_plug_in_it_is_refused():
         scene(law=Wear(CONSTANT))
 
 
+@needs("floating", "friction", "shapes")
 def test_scenes_that_it_is_not_made_for_are_refused(wear):
     """Its rates are divided by areas of one shape, and it does not solve for motions of bodies."""
     with pytest.raises(SceneError, match="several laws, friction, law"):

@@ -143,6 +143,7 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert local.known_error == reduced.known_error
 
 
+@needs("differences")
 def test_a_point_without_contact_is_not_infinitely_wrong():
     """No force is exact and predicted. An imposed motion moves a block rigidly: what cancels its lift has round-off."""
     full = hhr.FullOrderModel(pressed_block("plane_strain", cells=6))

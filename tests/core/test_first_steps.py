@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from bare import WAIT, python
+from launched import launch
 from needs import needs
-from test_mpi import launch
 
 from hhr_dolfinx.solver_first import COPY, install_for_all
 
@@ -109,7 +109,7 @@ def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
     assert "mkdir -p out" in said and '--user "$(id -u):$(id -g)"' in said
 
 
-@needs("studies")
+@needs("ranks", "studies")
 def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
     """The first rank alone tries the folder; the other must not wait, nor go on, nor repeat what was said."""
     program = (

@@ -77,6 +77,7 @@ def bolted(pairing, size, young=200.0):
 FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
 
 
+@needs("differences")
 @pytest.mark.parametrize("pairing", PAIRINGS)
 @pytest.mark.parametrize("mesh", ["coarse", FINE])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")

@@ -6,10 +6,10 @@ import warnings
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
+from launched import launch
 from needs import needs
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope, space
 from scipy.sparse import csc_matrix, csr_matrix
-from test_mpi import launch
 from toy_nonaffine_load import Square, WindLoad
 
 import hhr_dolfinx as hhr
@@ -46,12 +46,16 @@ def pressure_of(scene, mu):
     return max(mu[0] * HEIGHT / 2 + YOUNG * (mu[1] - GAP) / HEIGHT, 0.0)
 
 
-SCENES = [(heavy_column(), [5, 5]), (windy_column(), [9])]
+SCENES = [
+    pytest.param(heavy_column, [5, 5], marks=needs("volume_loads"), id="weight"),
+    pytest.param(windy_column, [9], id="wind"),
+]
 
 
-@pytest.mark.parametrize(("scene", "counts"), SCENES, ids=["weight", "wind"])
-def test_loads_of_a_users_own(scene, counts):
+@pytest.mark.parametrize(("make", "counts"), SCENES)
+def test_loads_of_a_users_own(make, counts):
     """Full order and reduced against the closed form and each other, at points between those of the training."""
+    scene = make()
     training = hhr.train(scene, counts)
     full, reduced = training.full_order, training.build()
     for mu in scene.parameters.random(6, seed=2):
@@ -63,6 +67,7 @@ def test_loads_of_a_users_own(scene, counts):
         assert answer.forces() == pytest.approx(exact.forces(), abs=1e-9)
 
 
+@needs("ranks", "volume_loads")
 def test_loads_on_two_ranks():
     program = (
         f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
@@ -76,6 +81,7 @@ def test_loads_on_two_ranks():
     assert launch(2, ["-c", program]).count("all is well") == 2
 
 
+@needs("volume_loads")
 def test_weight_in_axisymmetry():
     """The forms carry the weight of the hypothesis: a cylinder of radius 1.5 weighs pi 1.5^2 HEIGHT."""
     weight = hhr.BodyForce(block.SOLID, (0.0, -1.0), slope("weight"))

@@ -320,6 +320,7 @@ def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
     assert largest_difference(again.multipliers, model.solve(POINT).multipliers) < 1e-12
 
 
+@needs("floating")
 def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):
     scene = your_scene.scene()
     free = tuple(item for item in scene.displacements if item.tag != "roller_flat")

@@ -763,6 +763,7 @@ def quick(kind, *given):
     return pytest.param(kind, *given, marks=() if kind in QUICK else pytest.mark.slow)
 
 
+@needs("differences")
 @pytest.mark.parametrize(
     "kind, number", [quick(kind, k) for kind, rows in REFUSED.items() if kind in ALL for k in range(len(rows))]
 )

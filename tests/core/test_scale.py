@@ -27,7 +27,11 @@ SCENES = {
         lambda: contract.blocks(("E1", 0.3), box=contract.MODULI), contract.VARIED,
     ),
     "Poisson's ratios": (lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), {**contract.MIDDLE, "n": 0.25}),
-    "bodies held by contact": (lambda: contract.blocks(free=True), contract.PRESSED),
+    **(
+        {"bodies held by contact": (lambda: contract.blocks(free=True), contract.PRESSED)}
+        if present("floating")
+        else {}
+    ),
     "friction": (lambda: contract.blocks(friction=0.2), contract.MIDDLE),
     "second order": (lambda: dataclasses.replace(contract.blocks(), order=2), contract.MIDDLE),
 }  # fmt: skip

@@ -29,6 +29,7 @@ from hhr_dolfinx.warn import collected, ignored
 pressed = partial(stacked, order=2)
 
 
+@needs("floating")
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(
@@ -235,6 +236,7 @@ def test_displacements_of_second_order_on_straight_sides_of_a_round_are_told_of(
     assert abs(off[0]) < 0.06 < 0.3 < off[1]
 
 
+@needs("floating")
 def test_pressures_of_nodes_near_incompressibility_are_told_of():
     """Of elastic bodies alone: what flows bears its limit load to 1 %, and is no mistake."""
     stiff = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.499)
@@ -274,6 +276,7 @@ def test_conditions_at_imposed_displacements_are_independent():
     assert full.solve({"mu": 0.3}).forces().sum() == pytest.approx(first, rel=0.02) and areas.min() > 0
 
 
+@needs("floating")
 def test_a_coarse_slave_is_told_to_take_mortar():
     with pytest.warns(PairingWarning, match="Take Mortar"):
         hhr.FullOrderModel(pressed(2, False, "node to surface", alike=False), MPI.COMM_SELF)

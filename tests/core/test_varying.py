@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import ufl
 from bare import SCENE_FOLDERS
+from launched import launch
 from needs import needs
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LockingWarning, ParameterError, SceneError, SceneWarning
@@ -281,6 +281,7 @@ print("all is well")
 """
 
 
+@needs("ranks")
 def test_on_two_ranks():
     """Beside plain scenes and differences, which test_mpi holds to those of one rank."""
     assert launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)]).count("all is well") == 2

@@ -5,10 +5,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from launched import launch
 from needs import needs
 from parted import CUT, choice, parts_of, pellet_models, pellet_training, varying_set
 from scenes import largest_difference
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.console import make_console

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import contract
 import numpy as np
+from launched import launch, run_program
 from mpi4py import MPI
 from needs import needs
-from test_mpi import launch, run_program
 
 from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import ConvergenceError

@@ -7,9 +7,9 @@ import contract
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
+from launched import launch
 from needs import needs
 from shell import invoke
-from test_mpi import launch
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 

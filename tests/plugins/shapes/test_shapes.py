@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
+from launched import launch
 from mpi4py import MPI
 from needs import needs
 from scenes import (
@@ -18,7 +19,6 @@ from scenes import (
     pressed_pair,
     slope_errors,
 )
-from test_mpi import launch
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr

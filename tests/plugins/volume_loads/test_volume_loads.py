@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
+from launched import launch
 from needs import needs
 from parted import by_lapack
 from scenes import check_alike, largest_difference, slope_errors
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, SceneError, SceneWarning

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
+from launched import launch
 from needs import needs, present
 from scipy.sparse import random_array
-from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.group import group_of

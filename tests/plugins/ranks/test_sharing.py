@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from launched import run_program
 from mpi4py import MPI
 from scenes import pressed_block
 from scipy.sparse import csr_matrix
-from test_mpi import run_program
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order import expected, full

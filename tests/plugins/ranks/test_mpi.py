@@ -1,15 +1,11 @@
 """The same numbers on 1, 2 and 3 ranks."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import SCENE_FOLDERS, WAIT
+from bare import SCENE_FOLDERS
+from launched import launch, run_program
 from needs import needs, present
 
 PROGRAM = """
@@ -249,27 +245,6 @@ SHOWN = """
 if comm.rank == 0:
     print(json.dumps(out))
 """
-
-
-def launch(ranks, arguments, cwd=None):
-    """Output of a Python program on some ranks, which must end well."""
-    run = run_program(ranks, arguments, cwd)
-    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-3000:]
-    return run.stdout
-
-
-def run_program(ranks, arguments, cwd=None, limit=WAIT):
-    """A Python program on some ranks, ended after ``limit`` seconds."""
-    beside = str(Path(sys.executable).parent)
-    mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
-    if mpirun is None:
-        pytest.skip("no mpirun beside this Python or on the PATH")
-    # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
-    allow = dict.fromkeys(("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMP_NUM_THREADS"), "1")
-    allow |= {"OMPI_MCA_rmaps_base_oversubscribe": "1", "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe"}
-    environment = os.environ | allow | {"COLUMNS": "200"}
-    command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=limit, cwd=cwd)
 
 
 ELSEWHERE = {
