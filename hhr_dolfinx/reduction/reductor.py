@@ -272,9 +272,8 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
         warn_of_training(task.full, task.snapshots, task.held_out)
     if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
         task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
-        problem = task.full.problem
-        snapshots, held_out = (item and item.gathered(problem) for item in (task.snapshots, task.held_out))
-        task = replace(task, full=task.full.gathered(), snapshots=snapshots, held_out=held_out)
+        full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
+        task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
     with task.full.problem.group.together(f"reducing scene '{task.full.scene.name}'"):
         return _driven(reductor, task, reductor.prepare(task, before))
 
@@ -321,6 +320,11 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     if isinstance(model, KeptModel) and model.offline is None:
         model.offline = Record(reductor, best[1].candidate, facts, comparison, log)
     return model
+
+
+def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
+    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
+    return full.gathered(), *(None if item is None else item.gathered(full.problem) for item in sets)
 
 
 def compared(
