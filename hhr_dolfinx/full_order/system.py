@@ -53,12 +53,9 @@ class SystemAt:
         stiffness = self.stiffness
         problem = self.problem
         free = stiffness.solve(self.loads)
-        closed = problem.contact_of_rows @ free
-        response = stiffness.response_to_forces
-        if not (rows := problem.spread).all_here:
-            free = rows.whole(free)
-            closed = rows.sum(closed)
-            response = self._response
+        closed = problem.contact_rows_times(free)
+        free = problem.spread.whole(free)
+        response = self._response
         kernel = None if problem.kernel is None else problem.kernel.condensed(self)
         changes = self._at_fixed_forces
         return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness)
@@ -77,13 +74,10 @@ class SystemAt:
 class System(ABC):
     """Makes the equations of any point.
 
-    Args:
+    Attributes:
         problem: of all points.
         middle: returns K in the middle of the box.
         made: makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B.
-
-    Attributes:
-        problem, middle, made: the same.
         anew: K of another point is factored.
         bodies: moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all
             points.
@@ -173,12 +167,7 @@ class ConstantSystem(_OfParts):
 
 
 class ScaledSystem(_OfParts):
-    """Moduli of whole bodies: a multiple of K of each; nothing is factored.
-
-    Args:
-        bodies: these moduli.
-        given: see :class:`System`.
-    """
+    """Moduli of whole bodies: a multiple of K of each; nothing is factored."""
 
     anew = False
 
@@ -209,12 +198,9 @@ class SummedSystem(_OfParts):
 
 
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
-    """The system of a problem: the only function that checks which of its data depend on parameters.
+    """The system of a problem, by ``middle`` and ``made``; ``given`` makes a user-defined one of all of these.
 
-    Args:
-        problem: the problem.
-        given: makes a user-defined system of the problem and the makers; None for that of the bodies.
-        makers: ``middle`` and ``made`` of :class:`System`.
+    It is the only function that checks which data of a problem depend on parameters.
 
     Raises:
         SceneError: if ``given`` does not return a system.

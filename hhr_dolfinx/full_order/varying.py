@@ -17,9 +17,8 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.body import Body
-from hhr_dolfinx.forms import elasticity, volume
-from hhr_dolfinx.formulas import Modulus, Scalar
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.gauss_points import add_stiffness, grading_of, parts_of
 
 if TYPE_CHECKING:
@@ -101,33 +100,3 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
     return weight * ufl.inner(stress, measured) * dx
-
-
-def stress_of(
-    discretisation: DiscreteSpace,
-    body: Body,
-    field: fem.Function,
-    dilatation: fem.Function | None,
-    point: np.ndarray,
-    eigenstrain: object = None,
-) -> object:
-    """Stress of a body at a point of the parameters, (P,), in UFL; values of its constants are not compiled.
-
-    An ``eigenstrain``, times the grading, is subtracted from the graded strain.
-    """
-    names = discretisation.scene.parameters.names
-    hypothesis = discretisation.scene.hypothesis
-    young, poisson = (
-        discretisation.constant(Scalar(str(text), names).value(point)) for text in (body.young, body.poisson)
-    )
-    strain = elasticity.strain(field, hypothesis, poisson)
-    if dilatation is not None:
-        strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)
-    strain = grading_of(discretisation, body) * strain
-    if eigenstrain is not None:
-        strain = strain - eigenstrain
-        if hypothesis == "plane_stress":
-            strain = volume.without_third_stress(strain, poisson)
-    shear = young / (2 * (1 + poisson))
-    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain
