@@ -273,16 +273,16 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """
         if self.spread.all_here:
             return self
-        problem = self.problem.gathered(self.comm)
         model = copy(self)
         vars(model).pop("per_load", None)  # that of local rows
-        model.problem = problem
+        model.problem = problem = self.problem.gathered(self.comm)
         own = self.problem.own_stiffness  # raises an error if reductors cannot read it
+        whole = problem.own_stiffness
         with self.store.of(own) as factors:
             assert isinstance(factors, FreeCholesky)
-            shared = self.group.shared_factors(factors, self.problem.rows, own, problem.own_stiffness)
+            shared = self.group.shared_factors(factors, self.problem.rows, own, whole)
         model.store = FactorStore(lambda _: shared)
-        with model.store.of(problem.own_stiffness):
+        with model.store.of(whole):
             model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
         response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
         model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))

@@ -156,7 +156,7 @@ def eigenstress(
     graded = averaged(discretisation, place, _graded(discretisation, place, strain))
     stresses = elasticity.isotropic_parts(graded, hypothesis)
     found = []
-    for part in parts_of(body, place, hypothesis):
+    for part in parts_of(body, hypothesis):
         moduli = map(discretisation.constant, part.moduli)
         stress = sum(modulus * item for modulus, item in zip(moduli, stresses, strict=True) if float(modulus.value))
         forces = vector(weight * ufl.inner(stress, measured) * dx)
@@ -197,23 +197,22 @@ def _value(amplitude: Amplitude | Formula, names: tuple[str, ...], point: np.nda
 
 
 class Part(NamedTuple):
-    """A part of the stiffness of one body, by its index in the scene."""
+    """A part of the stiffness of one body."""
 
-    body: int
     factor: str  # see :class:`Modulus`
     rest: str
     moduli: tuple[float, float]  # weights of the change of volume and of the change of shape
 
 
-def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
+def parts_of(body: Body, hypothesis: str) -> Iterator[Part]:
     """Parts of the stiffness of a body."""
     factor = body.young if isinstance(body.young, str) else repr(float(body.young))
     volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
     if isinstance(body.poisson, str):
-        yield Part(place, factor, volume, (1.0, 0.0))
-        yield Part(place, factor, shape, (0.0, 1.0))
+        yield Part(factor, volume, (1.0, 0.0))
+        yield Part(factor, shape, (0.0, 1.0))
     else:
-        yield Part(place, factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+        yield Part(factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
 
 
 def grading_of(discretisation: DiscreteSpace, body: Body) -> object:

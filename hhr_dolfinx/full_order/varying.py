@@ -32,7 +32,7 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
     groups: list[tuple[Modulus, dict[int, tuple[float, float]]]] = []
     constant = {}
     for place, body in enumerate(scene.bodies):
-        for part in parts_of(body, place, scene.hypothesis):
+        for part in parts_of(body, scene.hypothesis):
             if body.varies:
                 groups.append((Modulus(part.factor, part.rest, names), {place: part.moduli}))
             else:
@@ -49,11 +49,7 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
 
 
 class CommonPattern:
-    """Union of the entries of several matrices of one mesh, with stored zeros; sums are then sums of data.
-
-    Args:
-        matrices: local rows, (own, N) each; matrices that are brought to the pattern later have the patterns of these.
-    """
+    """Union of the entries of several matrices of one mesh, (own, N), with stored zeros; sums are then sums of data."""
 
     def __init__(self, matrices: list[csr_matrix]):
         # boolean entries, whose sums and products keep their order: entries of large matrices are slow to sort
@@ -66,7 +62,7 @@ class CommonPattern:
         self._places = [whole.multiply(item).data - 1 for item in own]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
-        """The matrices in the common pattern."""
+        """Matrices with the patterns of those, in the common one."""
         found = []
         for item, places in zip(matrices, self._places, strict=True):
             data = np.zeros(self._indices.size)

@@ -17,7 +17,6 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedLaws
 
 
-FORCES = 1e-6
-"""Part of the squared training forces that modes of forces leave out, for laws that give them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
@@ -59,11 +56,6 @@ class Completion:
     def rays(self) -> np.ndarray:
         """Training forces whose cone contains all of them, see (1.70), (N_lambda, S')."""
         return spanning_rays(self.forces, IN_THE_CONE)
-
-    @cached_property
-    def force_modes(self) -> np.ndarray:
-        """POD modes of the training forces, (N_lambda, modes)."""
-        return pod(self.forces, FORCES)[0]
 
     def reconstruction(
         self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, flow: ReducedLaws | None, *, cone: bool

@@ -56,12 +56,6 @@ def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return found
 
 
-def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
-    picked = deim(pod(values, tolerance)[0])
-    return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
-
-
 class Basis(Protocol):
     """A choice of the basis of displacements; ranks of a distributed problem return their rows of the same modes."""
 
