@@ -276,17 +276,18 @@ class Discretisation(DiscreteSpace):
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the current mesh, and the pair of each."""
-        pairs = [(item, [self.surface(tag) for tag in item.tags]) for item in self.scene.contacts]
-        for _, surfaces in pairs:
+        parts = []
+        for item in self.scene.contacts:
+            surfaces = [self.surface(tag) for tag in item.tags]
             warn_of_straight_sides(surfaces)
-        parts = [item.rows(surfaces, self.size) for item, surfaces in pairs]
-        for item, part in zip(self.scene.contacts, parts, strict=True):
+            part = item.rows(surfaces, self.size)
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
+            parts.append(part)
         return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
 

@@ -35,17 +35,14 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
     """
     if scene.hypothesis == "plane_stress" or body.stress is not None:
         return False
-    return body.law is not None or _largest_ratio(body, scene) > NEARLY_INCOMPRESSIBLE
-
-
-def _largest_ratio(body: Body, scene: Scene) -> float:
-    """Largest Poisson's ratio of a body in the parameter range."""
+    if body.law is not None:
+        return True
     if not isinstance(body.poisson, str):
-        return body.poisson
+        return body.poisson > NEARLY_INCOMPRESSIBLE
     from hhr_dolfinx.formulas import Scalar, box_samples
 
     ratio = Scalar(body.poisson, scene.parameters.names)
-    return max(ratio.value(point) for point in box_samples(scene.parameters))
+    return max(ratio.value(point) for point in box_samples(scene.parameters)) > NEARLY_INCOMPRESSIBLE
 
 
 def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:

@@ -45,10 +45,10 @@ class Completion:
 
     forces: np.ndarray  # of training, (N_lambda, S)
     gap_scale: np.ndarray  # length scale of gaps, (N_lambda,)
-    laws: FittedLaws | None  # fields of bodies with laws in training; None for elastic bodies
+    laws: FittedLaws | None = None  # fields of bodies with laws in training; None for elastic bodies
 
     @classmethod
-    def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None) -> Completion:
+    def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None = None) -> Completion:
         """Data from training answers."""
         return cls(snapshots.forces, _gap_scale(problem, snapshots), laws)
 
@@ -58,7 +58,13 @@ class Completion:
         return spanning_rays(self.forces, IN_THE_CONE)
 
     def reconstruction(
-        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, flow: ReducedLaws | None, *, cone: bool
+        self,
+        problem: ContactProblem,
+        basis: np.ndarray,
+        sets: IndexSets,
+        flow: ReducedLaws | None = None,
+        *,
+        cone: bool = True,
     ) -> Reconstruction:
         """Fields of one reduced model; without the ``cone`` of (1.70) a bound completes forces.
 

@@ -125,10 +125,9 @@ def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     outputs = plain_outputs(full)
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
-    return SolvedFields(
-        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(read)),
-        full.pushed_everywhere, full.stress_of, outputs, full,
-    )  # fmt: skip
+    solved = np.ascontiguousarray(-full.pressed(read)), full.pushed_everywhere
+    rest = *solved, full.stress_of, outputs, full
+    return SolvedFields(problem.amplitudes, problem.lifts, free, problem.block_size, *rest)
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:

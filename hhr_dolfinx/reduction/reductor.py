@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
 from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
 from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
@@ -32,6 +33,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.reduction.interface import bodies_of
+from hhr_dolfinx.registry import Way
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
@@ -464,3 +466,32 @@ def as_reductor(given: Any) -> Reductor | None:
     if isinstance(given, Reductor):
         return given
     return Given(given) if callable(getattr(given, "reduced", None)) and not isinstance(given, type) else None
+
+
+OWN = (
+    Way("hhr_dolfinx.reduction.exact:ExactCondensation",
+        lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
+    Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: full.problem.reshaped is None),
+)  # fmt: skip
+"""Reductors of the core, by place."""
+
+
+def ways(full: FullModel) -> list[Way]:
+    """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
+    every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
+    return sorted((way for way in every if way.wanted(full)), key=lambda way: not way.condenses)
+
+
+def condensing(full: FullModel) -> type[Reductor]:
+    """The first reductor for a full model that keeps all contact conditions.
+
+    Raises:
+        NotOfferedError: if there is none.
+    """
+    for way in ways(full):
+        if way.condenses:
+            return registry.load(way.place)
+    of_what = "whose stiffness or shape depends on parameters" if full.problem.varies else "as it is"
+    raise NotOfferedError(
+        f"no installed reductor condenses scene '{full.scene.name}', {of_what}: it takes a plug-in that registers one"
+    )
