@@ -188,7 +188,8 @@ class DiscreteSpace(ABC):
         ds = self._ds(self.names.facet(tag))
         area = self._assemble_vector(contact.tributary_area(self._test, hypothesis, ds))[::dim]
         weights = elasticity.weight_at(points[:, 0], hypothesis)
-        made = make_surface(tag, *self._facets(tag), points, weights, area)
+        facets, inner = self._facets(tag)
+        made = make_surface(tag, facets, inner, points, weights, area)
         if made.quadratic is None:
             return made
         return replace(made, free=self.free_dofs.reshape(-1, dim)[made.nodes])

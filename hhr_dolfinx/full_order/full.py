@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
@@ -105,7 +104,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals: Functionals | ShapeFunctionals | None = None
+            self.functionals = None
             if scene.outputs:
                 from hhr_dolfinx.full_order.outputs import functionals_of
 

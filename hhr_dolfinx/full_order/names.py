@@ -19,15 +19,11 @@ class TagNames:
     """Numbers by name, of the cells and of the facets of one mesh.
 
     A name may mean several numbers: if sets of a file overlap, each intersection has a separate number.
-
-    Attributes:
-        cells, facets: numbers by name, and those of tags with more than one number.
-        summary: contents of the file that the mesh was read from; empty without a file.
     """
 
     cells: Sets = field(default_factory=dict)
     facets: Sets = field(default_factory=dict)
-    summary: Summary = field(default_factory=Summary)
+    summary: Summary = field(default_factory=Summary)  # contents of the file of the mesh; empty without a file
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:

@@ -30,23 +30,14 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False, slots=True)  # one for each query
 class SystemAt:
-    """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions).
-
-    Attributes:
-        system: the system.
-        point: the parameter, (P,).
-        problem: rows, gaps and amplitudes there.
-        stiffness: K.
-        loads: F - K lift on own free dofs, (n,).
-        gaps: D - B lift, (m,).
-    """
+    """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions)."""
 
     system: System
-    point: np.ndarray
-    problem: ContactProblem
-    stiffness: Stiffness
-    loads: np.ndarray
-    gaps: np.ndarray
+    point: np.ndarray  # the parameter, (P,)
+    problem: ContactProblem  # with the rows, gaps and amplitudes there
+    stiffness: Stiffness  # K
+    loads: np.ndarray  # F - K lift on own free dofs, (n,)
+    gaps: np.ndarray  # D - B lift, (m,)
 
     def contact(self) -> CondensedContact:
         """The contact problem without the displacement, on all ranks."""

@@ -46,8 +46,10 @@ class ExactCondensation(Reductor[Task]):
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
         """The model."""
         full, snapshots = prepared.full, prepared.snapshots
-        fresh = snapshots is None or full.law.remembers
-        known = _known_statuses(full) if fresh else snapshots.known_statuses()
+        if snapshots is None or full.law.remembers:
+            known = _known_statuses(full)
+        else:
+            known = snapshots.known_statuses()
         return exact_condensation(full, known, field=self.field), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, None]:

@@ -96,8 +96,7 @@ def deim(basis: np.ndarray, rows: Rows | None = None) -> np.ndarray:
     for k, mode in enumerate(basis.T):
         residual = mode
         if points:
-            weights = np.linalg.solve(picked[:, :k], picked[:, k])
-            residual = mode - basis[:, :k] @ weights
+            residual = mode - basis[:, :k] @ np.linalg.solve(picked[:, :k], picked[:, k])
         point, size = rows.largest(np.abs(residual))
         if not size > 1e-13 * rows.largest(np.abs(mode))[1]:
             raise ReductionError(f"column {k} of the basis depends on the columns before it")

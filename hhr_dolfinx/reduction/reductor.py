@@ -66,41 +66,25 @@ Facts = TypeVar("Facts")
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Input of a reduction.
-
-    Attributes:
-        full: the full model.
-        snapshots, held_out: its answers, for training and for validation; None without any.
-        log: records every stage.
-        announce: called with each stage and the share of it that is done; an exception from it stops the build.
-        sure: full answers that are solved for to compare a model that calls itself exact; 0 if the caller compares it.
-    """
+    """Input of a reduction."""
 
     full: FullModel
-    snapshots: SnapshotSet | None = None
-    held_out: SnapshotSet | None = None
+    snapshots: SnapshotSet | None = None  # for training
+    held_out: SnapshotSet | None = None  # for validation
     log: StageLog = field(default_factory=StageLog)
-    announce: Announce = unannounced
-    sure: int = SURE
+    announce: Announce = unannounced  # called with each stage and the share that is done; may raise to stop the build
+    sure: int = SURE  # full answers solved for to compare a model that calls itself exact; 0 if the caller compares it
 
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[Facts]):
-    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``.
+    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``."""
 
-    Attributes:
-        reductor: what made the model.
-        level: of the attempt that was chosen.
-        facts: results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`.
-        comparison: errors against known answers; None if nothing was compared.
-        log: seconds of the stages, skipped stages, refused attempts.
-    """
-
-    reductor: Any
-    level: Any
-    facts: Facts
-    comparison: Comparison | None
-    log: StageLog
+    reductor: Any  # what made the model
+    level: Any  # of the attempt that was chosen
+    facts: Facts  # results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`
+    comparison: Comparison | None  # errors against known answers; None if nothing was compared
+    log: StageLog  # seconds of the stages, skipped stages, refused attempts
 
     def __getattr__(self, name: str) -> Any:
         """A fact, by its name."""
@@ -110,50 +94,32 @@ class Record(Generic[Facts]):
 
 
 class Search(Protocol):
-    """A search for a model, as reductors see it.
-
-    Attributes:
-        full: the full model.
-        target: target accuracy: its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no
-            quantity of it can need the stress.
-        family: paths, if answers depend on them; None if queries are points.
-        held_out: answers of checks so far.
-        checked: the same as a set; None before the first check.
-        forces_off: whether contact forces of the last model were less accurate than the target.
-        reads_displacements: whether the target, or an output of the scene, needs displacements.
-        store: keeps solutions of connected components.
-        announce: reports a stage, and raises if the rest of it exceeds the budget.
-        progress: reports a stage.
-        reduced: function of a reductor and a number of training answers that makes its model of about so many.
-    """
+    """A search for a model, as reductors see it."""
 
     full: FullModel
+    # its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no quantity can need the stress
     target: Any
-    family: object
-    held_out: Sequence[object]
-    checked: SnapshotSet | None
-    forces_off: bool
-    reads_displacements: bool
-    store: ArrayStore | None
-    announce: Announce
-    progress: Announce
-    reduced: Callable[[Reductor, int], Any]
+    family: object  # paths, if answers depend on them; None if queries are points
+    held_out: Sequence[object]  # answers of checks so far
+    checked: SnapshotSet | None  # the same as a set; None before the first check
+    forces_off: bool  # contact forces of the last model were less accurate than the target
+    reads_displacements: bool  # the target, or an output of the scene, needs displacements
+    store: ArrayStore | None  # keeps solutions of connected components
+    announce: Announce  # reports a stage, and raises if the rest of it exceeds the budget
+    progress: Announce  # reports a stage
+    reduced: Callable[[Reductor, int], Any]  # makes the model of a reductor of about so many training answers
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A model that a search may try.
-
-    Attributes:
-        method, setting: of its row in the table.
-        make: builds the model.
-        spared: builds a model without bound, if the budget ends while fields or bound are built; None if there is none.
-    """
+    """A model that a search may try, and its row in the table."""
 
     method: str
     setting: str
     make: Callable[[], Any]
-    spared: Callable[[], Any] | None = None
+    spared: Callable[[], Any] | None = (
+        None  # makes one without bound, if the budget ends while fields or bound are made
+    )
 
 
 class Reductor(ABC, Generic[Prepared]):
