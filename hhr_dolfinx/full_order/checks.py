@@ -342,6 +342,6 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
     times as stiff as others, and all digits with free rigid motions. ``solve`` maps local rows to all dofs.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
-    found = solve(problem.own_stiffness @ known * problem.held[problem.rows])
+    found = problem.spread.whole(solve(problem.own_stiffness @ known * problem.held[problem.rows]))
     if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
         raise NotSolvableError(singular_stiffness(scene))

@@ -34,8 +34,6 @@ class DiscreteSpace(ABC):
     """Lagrange functions on the mesh of a scene, on a communicator, with measures and assembly.
 
     Attributes:
-        scene: the scene.
-        comm: MPI communicator.
         mesh: DOLFINx mesh.
         names: names of bodies and surfaces in the mesh.
         order: degree of its functions, 1 or 2.

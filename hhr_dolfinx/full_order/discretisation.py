@@ -113,10 +113,9 @@ class Discretisation(DiscreteSpace):
         imposed, free = self._displacements()
         terms = self.load_terms()
         straight, curved = parted(imposed)
-        opened = [item.amplitude for item in scene.openings]
-        given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
+        given = [item.amplitude for item in (*straight, *scene.openings, *terms, *curved)]
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
-        amplitudes = Amplitudes.collect([item for part in given for item in part], scene.parameters, limits)
+        amplitudes = Amplitudes.collect(given, scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
@@ -136,8 +135,7 @@ class Discretisation(DiscreteSpace):
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(self.group.stacked(part)), free) for part in pulled]
-        middle = scene.parameters.middle
-        weights = [modulus.value(middle) for modulus in moduli] or [1.0]
+        weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
             stiffness_terms=stiffness,
             moduli=moduli,

@@ -141,7 +141,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         ordering = "mumps" if anew else "qmd"
         self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         with self.store.of(problem.own_stiffness) as factors:
-            check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
+            check_regular(problem, factors.solve, self.scene.name)
         self.stiffness = self._middle()
         if self.scene.system is not None:
             self._take_parts()

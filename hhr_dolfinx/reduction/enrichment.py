@@ -198,8 +198,7 @@ class _Table:
         """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
         values = rows @ problem.spread.at(basis, part)
         table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
-        directions, _ = table.spectrum
-        return replace(table, outside=directions[:, table.rank :].T @ images)
+        return replace(table, outside=table.missing.T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
         """Table with one more column of the basis, its values on these dofs, (k,), from a candidate.
@@ -227,10 +226,11 @@ class _Table:
             return linalg.svd(self.values, full_matrices=full, lapack_driver="gesvd")[:2]
 
     @property
-    def rank(self) -> int:
-        """Numerical rank, by the singular values."""
-        _, values = self.spectrum
-        return sum(math.isfinite(self.problem.condition_number(value, values[0])) for value in values)
+    def missing(self) -> np.ndarray:
+        """Directions that complete the range of B~, by the numerical rank, (m, missing)."""
+        directions, values = self.spectrum
+        kappas = [self.problem.condition_number(value, values[0]) for value in values]
+        return directions[:, sum(map(math.isfinite, kappas)) :]
 
     @property
     def kappa(self) -> float:
@@ -258,9 +258,9 @@ def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths
             return int((np.linalg.norm(table.outside[:, left], axis=0) / lengths).argmax())
     new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
-        directions, _ = table.spectrum
-        if table.rank < len(directions):  # to round-off, though no direction is missing
-            return int(np.linalg.norm(directions[:, table.rank :].T @ columns, axis=0).argmax())
+        missing = table.missing
+        if missing.size:  # to round-off, though no direction was missing
+            return int(np.linalg.norm(missing.T @ columns, axis=0).argmax())
     directions, values = tables[0].spectrum
     smallest, largest = _extremes_after_update(values**2, (directions.T @ new[0]) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report

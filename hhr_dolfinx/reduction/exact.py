@@ -24,11 +24,7 @@ STARTS = 64
 
 @dataclass(frozen=True)
 class ExactCondensation(Reductor[Task]):
-    """Exact condensation, see :func:`exact_condensation`.
-
-    Attributes:
-        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
-    """
+    """Exact condensation, see :func:`exact_condensation`."""
 
     field: bool = False
     method: ClassVar[str] = "condensed"

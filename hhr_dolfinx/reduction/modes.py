@@ -49,8 +49,7 @@ def pod(
         raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
     left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
     # singular values below round-off are noise, however small the tolerance
-    rank = int((values > values[0] * noise).sum())
-    count = min(int(np.argmax(left_out < tolerance)), rank)
+    count = min(int(np.argmax(left_out < tolerance)), int((values > values[0] * noise).sum()))
     chosen = modes[:, :count] if gram is None else rows.orthonormal(modes[:, :count])[0]
     return np.ascontiguousarray(chosen), values
 

@@ -36,7 +36,6 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
             f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
             f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
         )
-    rows = problem.contact[sets.A_lambda]
     shared = problem.spread
     modes: Modes = _Modes(basis, sets) if shared.all_here else shared.modes(problem, basis, sets)
     loads = modes.tested(problem.loads)
@@ -49,6 +48,8 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         stiffness = np.tensordot(weights, parts, 1)
     else:
         stiffness = modes.projected(problem.own_stiffness)
+
+    rows = problem.contact[sets.A_lambda]
 
     def moved(dofs: np.ndarray) -> np.ndarray:
         """The rows times the modes on some dofs alone, (m, ell)."""

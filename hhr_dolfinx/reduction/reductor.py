@@ -117,9 +117,7 @@ class Proposal:
     method: str
     setting: str
     make: Callable[[], Any]
-    spared: Callable[[], Any] | None = (
-        None  # makes one without bound, if the budget ends while fields or bound are made
-    )
+    spared: Callable[[], Any] | None = None  # makes one without bound, if the budget ends at fields or bound
 
 
 class Reductor(ABC, Generic[Prepared]):
