@@ -336,7 +336,7 @@ def test_files_of_make_quick_are_there():
     core, _, others = text.replace("\\", "").partition("QUICK_PLUGINS = ")
     named = [f"core/test_{name}" for name in core.split()]
     named += [f"plugins/{name}" for name in others.split() if present(name.partition("/")[0])]
-    assert len(named) > 25 and all((ROOT / "tests" / f"{name}.py").exists() for name in named)
+    assert len(named) > 20 and all((ROOT / "tests" / f"{name}.py").exists() for name in named)
 
 
 def test_slow_cases_are_those_of_tests_that_are_there():
