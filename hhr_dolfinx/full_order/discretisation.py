@@ -113,9 +113,9 @@ class Discretisation(DiscreteSpace):
         imposed, free = self._displacements()
         terms = self.load_terms()
         straight, curved = parted(imposed)
-        given = [item.amplitude for item in (*straight, *scene.openings, *terms, *curved)]
+        given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved)
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
-        amplitudes = Amplitudes.collect(given, scene.parameters, limits)
+        amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
