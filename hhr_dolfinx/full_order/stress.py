@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -11,7 +11,6 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.forms import elasticity, volume
-from hhr_dolfinx.formulas import Scalar
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -55,10 +54,12 @@ def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Functio
     body = scene.bodies[place]
     if body.stress is not None:
         return body.stress(elasticity.strain(field, hypothesis))
-    young, poisson = (
-        discretisation.constant(Scalar(str(text), scene.parameters.names).value(point))
-        for text in (body.young, body.poisson)
-    )
+    moduli: list[Any] = [body.young, body.poisson]
+    if body.varies:
+        from hhr_dolfinx.formulas import Scalar
+
+        moduli = [Scalar(str(text), scene.parameters.names).value(point) for text in moduli]
+    young, poisson = map(discretisation.constant, moduli)
     strain = elasticity.strain(field, hypothesis, poisson)
     if discretisation.mean_dilatation[place]:
         dilatation = discretisation.cell_means(ufl.tr(elasticity.strain(field, hypothesis)))
