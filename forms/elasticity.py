@@ -49,14 +49,10 @@ def kelvin(e: Expr, hypothesis: str) -> Expr:
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 
 
-def stress(
-    u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str, dilatation: Expr | None = None
-) -> Expr:
+def stress(u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
 
     Moduli may be constants of a form: their values are not compiled in, so that new values need no compilation.
-
-    A given ``dilatation`` replaces tr(ε), a third of it on each axis.
     """
     if isinstance(young, Expr) or isinstance(poisson, Expr):
         lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
@@ -64,8 +60,6 @@ def stress(
     else:
         lam, mu = lame_parameters(young, poisson)
     e = strain(u, hypothesis, poisson)
-    if dilatation is not None:
-        e += (dilatation - ufl.tr(e)) / 3 * ufl.Identity(3)
     return lam * ufl.tr(e) * ufl.Identity(3) + 2 * mu * e
 
 

@@ -194,11 +194,7 @@ def _overlapping_neighbours(mesh):
 
 
 def corner_jacobians(corners: np.ndarray) -> np.ndarray:
-    """Determinant of the Jacobian at the corners of cells, (c, k), for simplices (c, 1).
-
-    Args:
-        corners: of triangles or tetrahedra (c, dim + 1, dim), of tensor-ordered other cells (c, 2^dim, dim).
-    """
+    """Determinant of the Jacobian at tensor-ordered corners of cells, (c, k, dim): (c, k), for simplices (c, 1)."""
     dim = corners.shape[2]
     if corners.shape[1] == dim + 1:
         return np.linalg.det(corners[:, 1:] - corners[:, :1])[:, None]
@@ -306,14 +302,8 @@ def conditions_with_unknowns(
 ) -> np.ndarray:
     """Contact rows with a free dof; the others do not constrain unknowns and are left out.
 
-    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range.
-
-    Args:
-        scene: the scene.
-        rows: all contact rows.
-        gaps: D - B lift of all of them by term, (rows, 1 + T); only affine rows are checked.
-        amplitudes: of all terms.
-        free: dofs that are not imposed, (N,) bool.
+    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range, where gaps,
+    D - B lift by term, (rows, 1 + T), are affine.
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
@@ -349,9 +339,9 @@ def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndar
     """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always detect.
 
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits with free rigid motions. ``solve`` maps local rows to all dofs.
+    times as stiff as others, and all digits with free rigid motions. ``solve`` is by its factors.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
-    found = solve(problem.own_stiffness @ known * problem.held[problem.rows])
+    found = problem.spread.whole(solve(problem.own_stiffness @ known * problem.held[problem.rows]))
     if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
         raise NotSolvableError(singular_stiffness(scene))

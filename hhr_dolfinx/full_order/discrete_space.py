@@ -21,14 +21,7 @@ from ufl.core.expr import Expr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
-from hhr_dolfinx.full_order.checks import (
-    CORNERS,
-    build_geometry,
-    check_outer,
-    check_present,
-    order_of,
-    tagged,
-)
+from hhr_dolfinx.full_order.checks import CORNERS, build_geometry, check_outer, check_present, order_of, tagged
 from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffness_degree
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler
@@ -41,8 +34,6 @@ class DiscreteSpace(ABC):
     """Lagrange functions on the mesh of a scene, on a communicator, with measures and assembly.
 
     Attributes:
-        scene: the scene.
-        comm: MPI communicator.
         mesh: DOLFINx mesh.
         names: names of bodies and surfaces in the mesh.
         order: degree of its functions, 1 or 2.
@@ -99,12 +90,10 @@ class DiscreteSpace(ABC):
 
     def cells(self, tag: Tag) -> ufl.Measure:
         """Measure of the cells of a body for its stiffness; for variable shapes with the rule of reduced models."""
+        dx = self._dx(self.names.cell(tag))
         if self.reshaped is None:
-            return self._dx(self.names.cell(tag))
-        return self._dx(
-            self.names.cell(tag),
-            degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order),
-        )
+            return dx
+        return dx(degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order))
 
     def constant(self, value: float | str) -> fem.Constant:
         """A number or its string, in a form without compiled values: each new value would take seconds to compile."""
@@ -165,17 +154,14 @@ class DiscreteSpace(ABC):
         check_present("cell", self._cell_tags, [tag], self.names, self.group)
 
     def _tagged_dofs(self, tag, component):
-        fdim = self.mesh.topology.dim - 1
-        if not 0 <= component < self.mesh.geometry.dim:
+        dim = self.mesh.geometry.dim
+        if not 0 <= component < dim:
             raise SceneError(
                 f"component {component} of the displacement on tag {tag} does not exist: the mesh of scene "
-                f"'{self.scene.name}' has {self.mesh.geometry.dim} dimensions, take a component below that, counted "
-                "from 0"
+                f"'{self.scene.name}' has {dim} dimensions, take a component below that, counted from 0"
             )
-        local = fem.locate_dofs_topological(
-            self.space.sub(component), fdim, tagged(self._facet_tags, self.names.facet(tag))
-        )
-        dim = self.mesh.geometry.dim
+        facets = tagged(self._facet_tags, self.names.facet(tag))
+        local = fem.locate_dofs_topological(self.space.sub(component), self.mesh.topology.dim - 1, facets)
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
         return self.group.joined(owned + self.rows.start)
 
@@ -196,10 +182,11 @@ class DiscreteSpace(ABC):
         """The facets with a tag on the current mesh."""
         dim = self.mesh.geometry.dim
         points = self._points()
+        hypothesis = self.scene.hypothesis
         ds = self._ds(self.names.facet(tag))
-        area = self._assemble_vector(contact.tributary_area(self._test, self.scene.hypothesis, ds))[::dim]
+        area = self._assemble_vector(contact.tributary_area(self._test, hypothesis, ds))[::dim]
+        weights = elasticity.weight_at(points[:, 0], hypothesis)
         facets, inner = self._facets(tag)
-        weights = elasticity.weight_at(points[:, 0], self.scene.hypothesis)
         made = make_surface(tag, facets, inner, points, weights, area)
         if made.quadratic is None:
             return made
@@ -217,7 +204,7 @@ class DiscreteSpace(ABC):
         to_facets = topology.connectivity(tdim, tdim - 1)
         corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
-        vertices = CORNERS[self.mesh.topology.cell_name()]
+        vertices = CORNERS[topology.cell_name()]
         nodes = []
         inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):

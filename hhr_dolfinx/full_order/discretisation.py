@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -27,14 +27,12 @@ from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.full_order.checks import (
-    conditions_with_unknowns,
-    warn_of_idle_parameters,
-)
+from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
+from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.pairings.surface import warn_of_straight_sides
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
@@ -84,7 +82,13 @@ class Discretisation(DiscreteSpace):
             matrix = self.empty_matrix()
             if not all(self.mean_dilatation):
                 fem_petsc.assemble_matrix(matrix, self._stiffness_form)
-            add_stiffness(self, matrix)
+            bodies = zip(self.scene.bodies, self.mean_dilatation, strict=True)
+            constants = {
+                place: lame_parameters(float(body.young), float(body.poisson))
+                for place, (body, mean) in enumerate(bodies)
+                if mean
+            }
+            add_stiffness(self, matrix, constants)
         matrix.assemble()
         return matrix
 
@@ -109,10 +113,9 @@ class Discretisation(DiscreteSpace):
         imposed, free = self._displacements()
         terms = self.load_terms()
         straight, curved = parted(imposed)
-        opened = [item.amplitude for item in scene.openings]
-        given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
+        given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved)
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
-        amplitudes = Amplitudes.collect([item for part in given for item in part], scene.parameters, limits)
+        amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
@@ -126,15 +129,13 @@ class Discretisation(DiscreteSpace):
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
-        laws = {place: law for place, law in enumerate(scene.laws) if law is not None}
         law: ContactLaw = UNILATERAL
-        if laws:
+        if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, free, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(self.group.stacked(part)), free) for part in pulled]
-        middle = scene.parameters.middle
-        weights = [modulus.value(middle) for modulus in moduli] or [1.0]
+        weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
             stiffness_terms=stiffness,
             moduli=moduli,
@@ -170,18 +171,17 @@ class Discretisation(DiscreteSpace):
         self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
         """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
+        scene = self.scene
         if len({law.plugin for law in laws.values()}) > 1:
-            raise SceneError(f"contacts of scene '{self.scene.name}' have laws of several plug-ins: not built in")
+            raise SceneError(f"contacts of scene '{scene.name}' have laws of several plug-ins: not built in")
         if not all(law.remembers for law in laws.values()):
-            raise SceneError(
-                f"a law of contacts of scene '{self.scene.name}' does not remember: such laws are not built in"
-            )
+            raise SceneError(f"a law of contacts of scene '{scene.name}' does not remember: such laws are not built in")
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = next(iter(laws.values())).attached(laws, self.scene, rows, pairs, free, lifts, mesh)
-        if self.scene.shapes and not found[2].reshapes:
+        found = next(iter(laws.values())).attached(laws, scene, rows, pairs, free, lifts, mesh)
+        if scene.shapes and not found[2].reshapes:
             raise SceneError(
-                f"contacts of scene '{self.scene.name}' have {found[2].name}, and shapes depend on parameters: that is "
-                "not built in for this law"
+                f"contacts of scene '{scene.name}' have {found[2].name}, and shapes depend on parameters: that is not "
+                "built in for this law"
             )
         return found
 
@@ -226,11 +226,7 @@ class Discretisation(DiscreteSpace):
             dofs = self._tagged_dofs(item.tag, item.component)
             clash = dofs[owner[dofs] >= 0]
             for other in set(owner[clash].tolist()):
-                both = clash[owner[clash] == other]
-                before = self.scene.displacements[other]
-                same = np.array_equal(self._imposed(number, both), self._imposed(other, both))
-                if before.amplitude != item.amplitude or not same:
-                    self._refuse_clash(number, other, int(both[0]))
+                self._check_clash(number, other, clash[owner[clash] == other])
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
             amplitude = bound(item.amplitude, self.scene.parameters)
@@ -245,15 +241,17 @@ class Discretisation(DiscreteSpace):
             return np.ones(dofs.size)
         return self._fields[number][dofs // self.mesh.geometry.dim]
 
-    def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
-        """Raise SceneError for two displacements, by their indices in the scene, that differ at a dof."""
-        dim = self.mesh.geometry.dim
-        items = self.scene.displacements
-        raise SceneError(
-            f"displacements {other} on tag {items[other].tag} and {number} on tag {items[number].tag} impose different "
-            f"values on one node, of component {dof % dim} at {self._points()[dof // dim].tolist()}: leave one of them "
-            "out, or give surfaces that no node has in common"
-        )
+    def _check_clash(self, number: int, other: int, dofs: np.ndarray) -> None:
+        """Raise SceneError if two displacements, by their indices in the scene, differ on dofs of both."""
+        item, before = (self.scene.displacements[place] for place in (number, other))
+        same = np.array_equal(self._imposed(number, dofs), self._imposed(other, dofs))
+        if before.amplitude != item.amplitude or not same:
+            node, component = divmod(int(dofs[0]), self.mesh.geometry.dim)
+            raise SceneError(
+                f"displacements {other} on tag {before.tag} and {number} on tag {item.tag} impose different values on "
+                f"one node, of component {component} at {self._points()[node].tolist()}: leave one of them out, or "
+                "give surfaces that no node has in common"
+            )
 
     def assembler(self, load: Any) -> Assembler:
         """Interface for a load or an output."""
@@ -270,24 +268,24 @@ class Discretisation(DiscreteSpace):
         )
 
     def _eigenstress(self, load: Load, tag: Tag, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
-        """Nodal forces of a strain of a body, see :func:`eigenstress`."""
         from hhr_dolfinx.full_order.gauss_points import eigenstress
 
         return eigenstress(self, tag, strain, partial(self._load_vector, load))
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the current mesh, and the pair of each."""
-        pairs = [(item, [self.surface(tag) for tag in item.tags]) for item in self.scene.contacts]
-        for _, surfaces in pairs:
+        parts = []
+        for item in self.scene.contacts:
+            surfaces = [self.surface(tag) for tag in item.tags]
             warn_of_straight_sides(surfaces)
-        parts = [item.rows(surfaces, self.size) for item, surfaces in pairs]
-        for item, part in zip(self.scene.contacts, parts, strict=True):
+            part = item.rows(surfaces, self.size)
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
+            parts.append(part)
         return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
 
 

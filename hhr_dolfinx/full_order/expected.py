@@ -23,17 +23,11 @@ LAST = 1.35
 
 
 class Expected(NamedTuple):
-    """Memory and time of a full model in space on one core.
-
-    Attributes:
-        gigabytes: of memory.
-        seconds: until the first answer.
-        keeps_columns: K^-1 B^T is kept; without it a displacement takes one more solution.
-    """
+    """Memory and time of a full model in space on one core."""
 
     gigabytes: float
-    seconds: float
-    keeps_columns: bool
+    seconds: float  # until the first answer
+    keeps_columns: bool  # K^-1 B^T is kept; without it a displacement takes one more solution
 
 
 def expected_in_space(contact: csr_matrix) -> Expected:

@@ -23,19 +23,12 @@ ALMOST_NONE = 1e-9
 
 @dataclass(frozen=True)
 class FreeBody:
-    """Connected components with rigid-body motions.
+    """A connected component with rigid-body motions."""
 
-    Attributes:
-        name: of its bodies, for messages.
-        nodes: its nodes.
-        motions: all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`.
-        left: motions compatible with imposed displacements, orthonormal combinations, (l, k).
-    """
-
-    name: str
+    name: str  # of its bodies, for messages
     nodes: np.ndarray
-    motions: np.ndarray
-    left: np.ndarray
+    motions: np.ndarray  # all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
+    left: np.ndarray  # motions compatible with imposed displacements, orthonormal combinations, (l, k)
 
     def columns(self, count: int) -> np.ndarray:
         """The remaining motions on all nodes, (nodes dim, l)."""
@@ -47,24 +40,17 @@ class FreeBody:
 def free_bodies(
     scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray
 ) -> list[FreeBody]:
-    """Bodies with rigid-body motions: rigid motions that vanish on their imposed dofs.
+    """Bodies with rigid motions that vanish on their imposed dofs.
 
-    Args:
-        scene: the scene.
-        points: coordinates of the nodes, (nodes, dim).
-        cell_nodes: nodes of each cell, (cells, n).
-        bodies: index in the scene of the body of each cell, (cells,).
-        free: dofs that are not imposed, (N,) bool.
+    Arguments are those of :func:`rigid_lifts`, and the index in the scene of the body of each cell, (cells,).
     """
-    count, dim = points.shape
-    part = components_of_nodes(count, cell_nodes)
-    imposed = ~free.reshape(count, dim)
+    part = components_of_nodes(len(points), cell_nodes)
+    imposed = ~free.reshape(points.shape)
     found = []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
         held = motions[:, imposed[nodes]].T
-        # free motions vanish on imposed dofs
         _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
         left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
         if len(left):
@@ -98,10 +84,9 @@ def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
 
 def described(body: FreeBody, ways: np.ndarray) -> str:
     """Description of combinations of motions of a body, (n, k): along axes, along directions, or rotations."""
-    dim = body.motions.shape[2]
+    shifts = body.motions.shape[2]
     if len(body.motions) == 1:
         return "moves along axis 1"
-    shifts = dim
     along = [axis for axis in range(shifts) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
     parts = [f"moves along axis {axis}" for axis in along]
     if len(ways) > len(along):

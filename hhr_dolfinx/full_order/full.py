@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -34,7 +35,6 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
@@ -71,6 +71,7 @@ class FullOrderModel(FullModel):
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         keeps_columns: K^-1 B^T fits into memory; without it S is made at its first use, and a displacement takes one
             more solution.
+        pairs: conditions by contact pair.
         equilibrium: answers paths of bodies with laws; None for elastic ones.
         functionals: outputs of the scene; None without outputs.
         trained: None: a full model has no training range.
@@ -100,15 +101,12 @@ class FullOrderModel(FullModel):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals = self._prepared_outputs()
+            self.functionals = None
+            if scene.outputs:
+                from hhr_dolfinx.full_order.outputs import functionals_of
+
+                self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
-
-    def _prepared_outputs(self) -> AllOutputs | None:
-        if not self.scene.outputs:
-            return None
-        from hhr_dolfinx.full_order.outputs import functionals_of
-
-        return functionals_of(self.discretisation, self.problem, self.equilibrium)
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -122,13 +120,13 @@ class FullOrderModel(FullModel):
         """
         self.discretisation = discretisation
         problem = discretisation.contact_problem(stiffness, moduli)
-        self.problem = problem = (
-            problem if discretisation.reshaped is None else discretisation.reshaped.attached(problem)
-        )
+        if discretisation.reshaped is not None:
+            problem = discretisation.reshaped.attached(problem)
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
         self.law = problem.law
-        self.keeps_columns = self._has_room()
+        few = self.has_room(problem.free.size)
+        self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
@@ -140,7 +138,7 @@ class FullOrderModel(FullModel):
         ordering = "mumps" if anew else "qmd"
         self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         with self.store.of(problem.own_stiffness) as factors:
-            check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
+            check_regular(problem, factors.solve, self.scene.name)
         self.stiffness = self._middle()
         if self.scene.system is not None:
             self._take_parts()
@@ -186,12 +184,6 @@ class FullOrderModel(FullModel):
         """True if an array with so many rows, and a column for each condition, may be kept."""
         return 8 * rows * self.conditions <= KEPT_BYTES
 
-    def _has_room(self) -> bool:
-        """True if K^-1 B^T is kept: if it is small, for bodies with laws, and for a singular K."""
-        problem = self.problem
-        few = self.has_room(problem.free.size)
-        return few or bool(self.scene.reader) or problem.kernel is not None
-
     @property
     def per_force(self) -> np.ndarray:
         """K^-1 B^T, (own dofs, N_lambda), of a constant K or that of the middle of the box.
@@ -213,10 +205,6 @@ class FullOrderModel(FullModel):
         return self.problem.block_size
 
     @property
-    def block_ordering(self) -> str:
-        """Ordering of factors for many right-hand sides at once."""
-        return ordering_of(self.problem.block_size, "mumps")
-
     def __copy__(self) -> FullOrderModel:
         """Another model with the same factors."""
         model = object.__new__(FullOrderModel)
@@ -237,16 +225,16 @@ class FullOrderModel(FullModel):
         """
         if self.spread.all_here:
             return self
-        problem = self.problem.gathered(self.comm)
         model = copy(self)
         vars(model).pop("per_load", None)  # that of local rows
-        model.problem = problem
+        model.problem = problem = self.problem.gathered(self.comm)
         own = self.problem.own_stiffness  # raises an error if reductors cannot read it
+        whole = problem.own_stiffness
         with self.store.of(own) as factors:
             assert isinstance(factors, FreeCholesky)
-            shared = self.group.shared_factors(factors, self.problem.rows, own, problem.own_stiffness)
+            shared = self.group.shared_factors(factors, self.problem.rows, own, whole)
         model.store = FactorStore(lambda _: shared)
-        with model.store.of(problem.own_stiffness):
+        with model.store.of(whole):
             model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
         response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
         model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))
@@ -273,10 +261,7 @@ class FullOrderModel(FullModel):
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start
-        if self.system.anew:
-            with at.stiffness.held():
-                answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
-        else:
+        with at.stiffness.held() if self.system.anew else nullcontext():
             answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer

@@ -23,9 +23,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import strain_vector, volume_weight
 from hhr_dolfinx.formulas import Formula, Scalar
-from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
-from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -57,42 +55,18 @@ class CellStrains(NamedTuple):
         return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
 
 
-def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
-    """Add the elastic stiffness of bodies with a mean dilatation to a matrix, on each rank that of its cells."""
-    bodies = discretisation.cell_bodies()
-    cells = np.flatnonzero((bodies >= 0) & np.array(discretisation.mean_dilatation)[bodies])
-    operator = tabulated(discretisation, cells)
-    elastic = _elastic(discretisation.scene, np.repeat(bodies[cells], operator.per_cell), operator.components)
-    dofs = operator.dofs.astype(PETSc.IntType)
-    elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
-    matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
-
-
-def _elastic(scene: Scene, bodies: np.ndarray, components: int) -> np.ndarray:
-    """Elastic tangents of points by the indices of their bodies, (points, components, components)."""
-    unit = np.zeros(components)
-    unit[:3] = 1.0
-    elastic = np.empty((bodies.size, components, components))
-    for place in np.unique(bodies):
-        body = scene.bodies[place]
-        lam, mu = lame_parameters(float(body.young), float(body.poisson))
-        elastic[bodies == place] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
-    return elastic
-
-
-def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
-    """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its index."""
+def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
+    """Add the stiffness of bodies with a mean dilatation, by index: λ and μ of each; on each rank that of its cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
     operator = tabulated(discretisation, cells)
-    unit = np.zeros(operator.components)
-    identity = np.eye(operator.components)
-    unit[:3] = 1.0
-    tangents = {
-        place: volume * np.outer(unit, unit) + 2 * shape * identity for place, (volume, shape) in moduli.items()
-    }
     of_point = np.repeat(bodies[cells], operator.per_cell)
-    elastic = np.array([tangents[place] for place in of_point]).reshape(-1, *identity.shape)
+    identity = np.eye(operator.components)
+    unit = np.zeros(operator.components)
+    unit[:3] = 1.0
+    elastic = np.empty((of_point.size, *identity.shape))
+    for place, (lam, mu) in moduli.items():
+        elastic[of_point == place] = lam * np.outer(unit, unit) + 2 * mu * identity
     elastic *= _gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
@@ -140,10 +114,7 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
 
 
 def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:
-    """B-bar: replace the trace of the strain at each point by its mean over the volume of the cell.
-
-    ``gradients`` are those of each cell's dofs, (cells, per_cell, components, dofs), ``volumes`` (cells, per_cell).
-    """
+    """B-bar: replace the trace of the strain, see :class:`CellStrains`, by its mean over the volume of the cell."""
     trace = gradients[:, :, :3].sum(axis=2)
     shares = volumes / volumes.sum(axis=1, keepdims=True)
     mean = np.einsum("cq,cqk->ck", shares, trace)
@@ -164,30 +135,29 @@ def eigenstress(
         SceneError: if no body has the tag.
     """
     scene = discretisation.scene
-    places = [place for place, body in enumerate(scene.bodies) if body.tag == tag]
-    if not places:
+    tags = [body.tag for body in scene.bodies]
+    if tag not in tags:
         raise SceneError(
-            f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' have the tags "
-            f"{[body.tag for body in scene.bodies]}"
+            f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' have the tags {tags}"
         )
-    if scene.bodies[places[0]].stress is not None:
+    place = tags.index(tag)
+    body = scene.bodies[place]
+    if body.stress is not None:
         raise SceneError(f"body {tag!r} has a user-defined stress, and a load that is a strain of it is not built in")
     if scene.reader:
         return [(Formula("1"), np.zeros(discretisation.size))]
-    body = scene.bodies[places[0]]
     hypothesis = scene.hypothesis
-    mean = discretisation.mean_dilatation[places[0]]
-    # bodies with a mean dilatation need the strain at the points at which they evaluate their strain
-    dx = discretisation.cells(tag)(degree=discretisation.gauss_degree) if mean else discretisation.cells(tag)
+    dx = discretisation.cells(tag)
+    if discretisation.mean_dilatation[place]:  # the strain at the points at which the body evaluates its strain
+        dx = dx(degree=discretisation.gauss_degree)
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
     # the product of two means is not the mean of the product, which the form needs
-    graded = averaged(discretisation, places[0], _graded(discretisation, places[0], strain))
+    graded = averaged(discretisation, place, _graded(discretisation, place, strain))
     stresses = elasticity.isotropic_parts(graded, hypothesis)
     found = []
-    for part in parts_of(body, places[0], hypothesis):
-        # as constants of the form: their values are not compiled
-        moduli = [fem.Constant(discretisation.mesh, float(value)) for value in part.moduli]
+    for part in parts_of(body, hypothesis):
+        moduli = map(discretisation.constant, part.moduli)
         stress = sum(modulus * item for modulus, item in zip(moduli, stresses, strict=True) if float(modulus.value))
         forces = vector(weight * ufl.inner(stress, measured) * dx)
         found.append((Formula(part.factor).times(Formula(part.rest)), forces))
@@ -197,16 +167,12 @@ def eigenstress(
 def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
     """Eigenstrain of a body at a point of the parameters, (P,), times its grading; None without eigenstrains."""
     scene = discretisation.scene
+    tag = scene.bodies[place].tag
     total = None
     for load in scene.loads:
-        found = (
-            load.eigenstrain_of(scene.bodies[place].tag, discretisation.mesh)
-            if hasattr(load, "eigenstrain_of")
-            else None
-        )
-        if found is not None:
+        if hasattr(load, "eigenstrain_of") and (found := load.eigenstrain_of(tag, discretisation.mesh)) is not None:
             amplitude, strain = found
-            value = fem.Constant(discretisation.mesh, _value(amplitude, scene.parameters.names, point))
+            value = discretisation.constant(_value(amplitude, scene.parameters.names, point))
             total = value * strain if total is None else total + value * strain
     return None if total is None else _graded(discretisation, place, total)
 
@@ -231,29 +197,22 @@ def _value(amplitude: Amplitude | Formula, names: tuple[str, ...], point: np.nda
 
 
 class Part(NamedTuple):
-    """A part of the stiffness of one body.
+    """A part of the stiffness of one body."""
 
-    Attributes:
-        body: its index in the scene.
-        factor, rest: expressions, see :class:`Modulus`.
-        moduli: weights of the change of volume and of the change of shape in this part.
-    """
-
-    body: int
-    factor: str
+    factor: str  # see :class:`Modulus`
     rest: str
-    moduli: tuple[float, float]
+    moduli: tuple[float, float]  # weights of the change of volume and of the change of shape
 
 
-def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
+def parts_of(body: Body, hypothesis: str) -> Iterator[Part]:
     """Parts of the stiffness of a body."""
     factor = body.young if isinstance(body.young, str) else repr(float(body.young))
     volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
     if isinstance(body.poisson, str):
-        yield Part(place, factor, volume, (1.0, 0.0))
-        yield Part(place, factor, shape, (0.0, 1.0))
+        yield Part(factor, volume, (1.0, 0.0))
+        yield Part(factor, shape, (0.0, 1.0))
     else:
-        yield Part(place, factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+        yield Part(factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
 
 
 def grading_of(discretisation: DiscreteSpace, body: Body) -> object:

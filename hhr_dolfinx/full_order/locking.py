@@ -35,17 +35,14 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
     """
     if scene.hypothesis == "plane_stress" or body.stress is not None:
         return False
-    return body.law is not None or _largest_ratio(body, scene) > NEARLY_INCOMPRESSIBLE
-
-
-def _largest_ratio(body: Body, scene: Scene) -> float:
-    """Largest Poisson's ratio of a body in the parameter range."""
+    if body.law is not None:
+        return True
     if not isinstance(body.poisson, str):
-        return body.poisson
+        return body.poisson > NEARLY_INCOMPRESSIBLE
     from hhr_dolfinx.formulas import Scalar, box_samples
 
     ratio = Scalar(body.poisson, scene.parameters.names)
-    return max(ratio.value(point) for point in box_samples(scene.parameters))
+    return max(ratio.value(point) for point in box_samples(scene.parameters)) > NEARLY_INCOMPRESSIBLE
 
 
 def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:
@@ -54,39 +51,27 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
     It warns of bodies that keep their volume on cells that lock. Functions of degree 2 do not lock, but their
     pressures at single nodes alternate in nearly incompressible elastic bodies; it warns of that too.
     """
-    if order > 1:
-        for body in scene.bodies:
-            if body.law is None and keeps_volume(body, scene):
-                _warn_of_alternating(scene, body)
-        return (False,) * len(scene.bodies)
     bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
-    if cell in SIMPLICES:
-        for body, keeps in zip(scene.bodies, bodies, strict=True):
-            if keeps:
-                _warn(scene, body, cell)
-        return (False,) * len(bodies)
-    return bodies
-
-
-def _warn(scene: Scene, body: Body, cell: str) -> None:
-    why = "has a law" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
-    warn(
-        f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "
-        "answers too stiffly, bears more than its limit load, and its pressures oscillate from cell to cell. "
-        f"Mesh it with {SIMPLICES[cell]}, which do not lock here",
-        LockingWarning,
-        stacklevel=4,
-    )
-
-
-def _warn_of_alternating(scene: Scene, body: Body) -> None:
-    warn(
-        f"body {body.tag} of scene '{scene.name}' is nearly incompressible, nu = {body.poisson}, and its displacements "
-        "are of second order: sums and means of contact pressures are right, and those of single nodes alternate "
-        "around them. Read resultants and means, or refine: the errors fall with the square of the cells",
-        LockingWarning,
-        stacklevel=4,
-    )
+    if order == 1 and cell not in SIMPLICES:
+        return bodies
+    for body, keeps in zip(scene.bodies, bodies, strict=True):
+        why = "has a law" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
+        said = f"body {body.tag} of scene '{scene.name}' {why}, and its"
+        if keeps and order == 1:
+            said += (
+                f" cells are of the kind {cell}, which lock: the body answers too stiffly, bears more than its limit "
+                "load, and its pressures oscillate from cell to cell. "
+                f"Mesh it with {SIMPLICES[cell]}, which do not lock here"
+            )
+            warn(said, LockingWarning, stacklevel=3)
+        elif keeps and body.law is None:
+            said += (
+                " displacements are of second order: sums and means of contact pressures are right, and those of "
+                "single nodes alternate around them. Read resultants and means, or refine: the errors fall with the "
+                "square of the cells"
+            )
+            warn(said, LockingWarning, stacklevel=3)
+    return (False,) * len(bodies)
 
 
 def gauss_degree(cell: str, order: int) -> int:

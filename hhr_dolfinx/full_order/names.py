@@ -19,15 +19,11 @@ class TagNames:
     """Numbers by name, of the cells and of the facets of one mesh.
 
     A name may mean several numbers: if sets of a file overlap, each intersection has a separate number.
-
-    Attributes:
-        cells, facets: numbers by name, and those of tags with more than one number.
-        summary: contents of the file that the mesh was read from; empty without a file.
     """
 
     cells: Sets = field(default_factory=dict)
     facets: Sets = field(default_factory=dict)
-    summary: Summary = field(default_factory=Summary)
+    summary: Summary = field(default_factory=Summary)  # contents of the file of the mesh; empty without a file
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
@@ -40,15 +36,17 @@ class TagNames:
 
     def cell(self, tag: Tag) -> tuple[int, ...]:
         """Numbers of a body; raises SceneError for an unknown name."""
-        return _found("body", tag, self.cells, "surface", self.facets, self.summary)
+        return self._found(tag, "body", "bodies", self.cells, "surface", self.facets)
 
     def facet(self, tag: Tag) -> tuple[int, ...]:
         """Numbers of a surface; raises SceneError for an unknown name."""
-        return _found("surface", tag, self.facets, "body", self.cells, self.summary)
+        return self._found(tag, "surface", "surfaces", self.facets, "body", self.cells)
 
     def of_file(self, wanted: Iterable[Tag]) -> str:
         """Lines below an error of missing tags: the reason, and the contents of the file; empty without a file."""
-        return _of_file(wanted, self.summary)
+        summary = self.summary
+        known = [f"{tag!r} is in the file: {summary.reasons[tag]}" for tag in wanted if tag in summary.reasons]
+        return "".join(f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line)
 
     def described(self, kind: str, numbers: Iterable[int]) -> str:
         """Description of tags of a kind, ``cell`` or ``facet``: numbers, and names if they have any."""
@@ -58,36 +56,29 @@ class TagNames:
                 names.setdefault(number, []).append(f"'{name}'")
         return "[" + ", ".join(" ".join([str(n), *names.get(n, ())]) for n in sorted(numbers)) + "]"
 
+    def _found(self, tag: Tag, kind: str, plural: str, there: Sets, other: str, others: Sets) -> tuple[int, ...]:
+        """Numbers of a tag of a kind; errors mention tags of the other kind."""
+        if tag in there:
+            return there[tag]
+        if not isinstance(tag, str):
+            return (int(tag),)
+        names = sorted(name for name in there if isinstance(name, str))
+        if not names:
+            raise SceneError(
+                f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical groups of the mesh, or "
+                f"give their numbers{self.of_file([tag])}"
+            )
+        near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)
+        hint = "Name one of these, or give the mesh a group of this name."
+        if tag in others:
+            hint = f"'{tag}' is a {other} of it: a {kind} is needed here."
+        elif near:
+            hint = f"Is '{next(name for name in names if name.lower() == near[0])}' meant?"
+        raise SceneError(
+            f"no {kind} of the mesh is called '{tag}': its {plural} are {', '.join(names)}. {hint}{self.of_file([tag])}"
+        )
+
 
 def _numbers(given: Any) -> tuple[int, ...]:
     """One number or several."""
     return tuple(int(number) for number in given) if hasattr(given, "__iter__") else (int(given),)
-
-
-def _of_file(wanted: Iterable[Tag], summary: Summary) -> str:
-    """Reason why tags are not bodies or surfaces of a file, and its contents."""
-    known = [f"{tag!r} is in the file: {summary.reasons[tag]}" for tag in wanted if tag in summary.reasons]
-    return "".join(f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line)
-
-
-def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets, summary: Summary) -> tuple[int, ...]:
-    """Numbers of a tag of a kind; errors mention tags of the other kind."""
-    if tag in there:
-        return there[tag]
-    if not isinstance(tag, str):
-        return (int(tag),)
-    plural = {"body": "bodies", "surface": "surfaces"}
-    names = sorted(name for name in there if isinstance(name, str))
-    if not names:
-        raise SceneError(
-            f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical groups of the mesh, or "
-            f"give their numbers{_of_file([tag], summary)}"
-        )
-    near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)
-    hint = " Name one of these, or give the mesh a group of this name."
-    if near:
-        hint = f" Is '{next(name for name in names if name.lower() == near[0])}' meant?"
-    if tag in others:
-        hint = f" '{tag}' is a {other} of it: a {kind} is needed here."
-    said = f"no {kind} of the mesh is called '{tag}': its {plural[kind]} are {', '.join(names)}.{hint}"
-    raise SceneError(said + _of_file([tag], summary))

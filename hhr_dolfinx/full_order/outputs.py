@@ -52,11 +52,10 @@ def probe_of(
     base: ContactProblem | None = None,
 ) -> ModelProbe:
     """Interface for one output: the equilibrium of laws, or bodies with laws; ``base`` is ``problem`` unless given."""
-    base = base or problem
     return ModelProbe(
         scene=discretisation.scene,
         problem=problem,
-        base=base,
+        base=base or problem,
         contact_rows=problem.whole_contact,
         assembler=discretisation.assembler(output),
         nodes=lambda tag: np.unique(problem.cell_nodes[cells_of_body(discretisation, tag)]),
@@ -67,10 +66,9 @@ def probe_of(
 
 def cells_of_body(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
     """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
-    tags = [body.tag for body in discretisation.scene.bodies]
+    scene = discretisation.scene
+    tags = [body.tag for body in scene.bodies]
     if tag not in tags:
-        raise SceneError(
-            f"the cell tag {tag} is none of the bodies {tags} of scene '{discretisation.scene.name}': name one of them"
-        )
+        raise SceneError(f"the cell tag {tag} is none of the bodies {tags} of scene '{scene.name}': name one of them")
     discretisation.check_cells(tag)
     return discretisation.group.joined(discretisation.cell_bodies()) == tags.index(tag)

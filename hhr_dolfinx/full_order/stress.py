@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -10,7 +10,7 @@ from dolfinx import fem
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.forms import elasticity, volume
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -45,25 +45,38 @@ def field_of(discretisation: DiscreteSpace, displacement: np.ndarray) -> fem.Fun
 
 
 def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
-    """Stress of a body, by its index, in UFL, at a point of the parameters, (P,)."""
+    """Stress of a body, by its index, in UFL, at a point of the parameters, (P,); its constants are not compiled.
+
+    A strain that is a load, times the grading, is subtracted from the graded strain.
+    """
     scene = discretisation.scene
-    dilatation = None
-    if discretisation.mean_dilatation[place]:
-        dilatation = discretisation.cell_means(ufl.tr(elasticity.strain(field, scene.hypothesis)))
-    eigenstrain = None
+    hypothesis = scene.hypothesis
     body = scene.bodies[place]
+    if body.stress is not None:
+        return body.stress(elasticity.strain(field, hypothesis))
+    moduli: list[Any] = [body.young, body.poisson]
+    if body.varies:
+        from hhr_dolfinx.formulas import Scalar
+
+        moduli = [Scalar(str(text), scene.parameters.names).value(point) for text in moduli]
+    young, poisson = map(discretisation.constant, moduli)
+    strain = elasticity.strain(field, hypothesis, poisson)
+    if discretisation.mean_dilatation[place]:
+        dilatation = discretisation.cell_means(ufl.tr(elasticity.strain(field, hypothesis)))
+        strain = volume.with_mean(strain, dilatation)
+    if body.grading is not None:
+        strain = body.grading(ufl.SpatialCoordinate(discretisation.mesh)) * strain
     if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
         from hhr_dolfinx.full_order.gauss_points import eigenstrain_at
 
         eigenstrain = eigenstrain_at(discretisation, place, point)
-    if body.stress is not None:
-        return body.stress(elasticity.strain(field, scene.hypothesis))
-    if not body.varies and body.grading is None and eigenstrain is None:
-        moduli = discretisation.constant(body.young), discretisation.constant(body.poisson)
-        return elasticity.stress(field, *moduli, scene.hypothesis, dilatation)
-    from hhr_dolfinx.full_order.varying import stress_of
-
-    return stress_of(discretisation, body, field, dilatation, point, eigenstrain)
+        if eigenstrain is not None:
+            strain = strain - eigenstrain
+            if hypothesis == "plane_stress":
+                strain = volume.without_third_stress(strain, poisson)
+    shear = young / (2 * (1 + poisson))
+    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain
 
 
 def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:

@@ -30,35 +30,23 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False, slots=True)  # one for each query
 class SystemAt:
-    """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions).
-
-    Attributes:
-        system: the system.
-        point: the parameter, (P,).
-        problem: rows, gaps and amplitudes there.
-        stiffness: K.
-        loads: F - K lift on own free dofs, (n,).
-        gaps: D - B lift, (m,).
-    """
+    """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions)."""
 
     system: System
-    point: np.ndarray
-    problem: ContactProblem
-    stiffness: Stiffness
-    loads: np.ndarray
-    gaps: np.ndarray
+    point: np.ndarray  # the parameter, (P,)
+    problem: ContactProblem  # with the rows, gaps and amplitudes there
+    stiffness: Stiffness  # K
+    loads: np.ndarray  # F - K lift on own free dofs, (n,)
+    gaps: np.ndarray  # D - B lift, (m,)
 
     def contact(self) -> CondensedContact:
         """The contact problem without the displacement, on all ranks."""
         stiffness = self.stiffness
         problem = self.problem
         free = stiffness.solve(self.loads)
-        closed = problem.contact_of_rows @ free
-        response = stiffness.response_to_forces
-        if not (rows := problem.spread).all_here:
-            free = rows.whole(free)
-            closed = rows.sum(closed)
-            response = self._response
+        closed = problem.contact_rows_times(free)
+        free = problem.spread.whole(free)
+        response = self._response
         kernel = None if problem.kernel is None else problem.kernel.condensed(self)
         changes = self._at_fixed_forces
         return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness)
@@ -77,13 +65,10 @@ class SystemAt:
 class System(ABC):
     """Makes the equations of any point.
 
-    Args:
+    Attributes:
         problem: of all points.
         middle: returns K in the middle of the box.
         made: makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B.
-
-    Attributes:
-        problem, middle, made: the same.
         anew: K of another point is factored.
         bodies: moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all
             points.
@@ -141,11 +126,21 @@ class System(ABC):
 
 
 class _OfParts(System):
-    """A system whose K is the sum of the parts of its problem."""
+    """A system whose K is the sum of the parts of its problem; the last K is kept, as often only loads change."""
+
+    _last: tuple[np.ndarray, Any] | None = None
 
     def parts(self) -> Parts:
         """See :class:`System`."""
         return self.problem.moduli, self.problem.stiffness_terms
+
+    def _kept(self, scales: np.ndarray, made: Callable[[np.ndarray], Any]) -> Any:
+        """K for some scales; several threads may call this."""
+        last = self._last
+        if last is None or not np.array_equal(last[0], scales):
+            self._last = None  # K may be larger than everything else
+            self._last = last = scales, made(scales)
+        return last[1]
 
 
 class ConstantSystem(_OfParts):
@@ -163,19 +158,13 @@ class ConstantSystem(_OfParts):
 
 
 class ScaledSystem(_OfParts):
-    """Moduli of whole bodies: a multiple of K of each; nothing is factored.
-
-    Args:
-        bodies: these moduli.
-        given: see :class:`System`.
-    """
+    """Moduli of whole bodies: a multiple of K of each; nothing is factored."""
 
     anew = False
 
     def __init__(self, bodies: ScaledBodies, *given: Any):
         super().__init__(*given)
         self.bodies: ScaledBodies = bodies
-        self._last: tuple[np.ndarray, Stiffness] | None = None
 
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
@@ -183,38 +172,26 @@ class ScaledSystem(_OfParts):
         return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
-        """K at a point, (P,), cached for the same moduli, so that increments reuse factors."""
-        scales = self.bodies.at(point)
-        last = self._last
-        if last is None or not np.array_equal(last[0], scales):
-            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may call this
-        return last[1]
+        """K at a point, (P,)."""
+        found: Stiffness = self._kept(self.bodies.at(point), lambda scales: self.middle().scaled(scales))
+        return found
 
 
 class SummedSystem(_OfParts):
     """A weighted sum of parts, which is factored."""
 
-    _last: tuple[np.ndarray, Stiffness] | None = None
-
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`; K is cached, since along a path usually only loads change."""
+        """See :class:`System`."""
         problem = self.problem
         weights = problem.weights(point)
-        last = self._last
-        if last is None or not np.array_equal(last[0], weights):
-            self._last = None  # K may be larger than everything else
-            stiffness = self.made(problem.stiffness_of(weights), problem)
-            self._last = last = weights, stiffness
-        return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
+        stiffness = self._kept(weights, lambda weights: self.made(problem.stiffness_of(weights), problem))
+        return problem, stiffness, problem.loads_of(weights)[problem.rows] @ theta
 
 
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
-    """The system of a problem: the only function that checks which of its data depend on parameters.
+    """The system of a problem, by ``middle`` and ``made``; ``given`` makes a user-defined one of all of these.
 
-    Args:
-        problem: the problem.
-        given: makes a user-defined system of the problem and the makers; None for that of the bodies.
-        makers: ``middle`` and ``made`` of :class:`System`.
+    It is the only function that checks which data of a problem depend on parameters.
 
     Raises:
         SceneError: if ``given`` does not return a system.

@@ -17,10 +17,9 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.body import Body
-from hhr_dolfinx.forms import elasticity, volume
-from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.full_order.gauss_points import Part, grading_of, parts_of
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.full_order.gauss_points import add_stiffness, grading_of, parts_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -29,33 +28,28 @@ if TYPE_CHECKING:
 def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Local rows of the parts of K, with one pattern, and their moduli."""
     scene = discretisation.scene
-    names = discretisation.scene.parameters.names
-    parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
-    constant = [part for part in parts if not scene.bodies[part.body].varies]
-    varying = [part for part in parts if scene.bodies[part.body].varies]
-    groups = [(varied, [(varied.body, varied.moduli)]) for varied in varying]
+    names = scene.parameters.names
+    groups: list[tuple[Modulus, dict[int, tuple[float, float]]]] = []
+    constant = {}
+    for place, body in enumerate(scene.bodies):
+        for part in parts_of(body, scene.hypothesis):
+            if body.varies:
+                groups.append((Modulus(part.factor, part.rest, names), {place: part.moduli}))
+            else:
+                factor = float(part.factor)
+                constant[place] = factor * part.moduli[0], factor * part.moduli[1]
+    varies = bool(groups)
     if constant:
-        scaled = [
-            (part.body, (float(part.factor) * part.moduli[0], float(part.factor) * part.moduli[1])) for part in constant
-        ]
-        groups.append((Part(-1, "1", "1", (0.0, 0.0)), scaled))
-    matrices = []
-    moduli = []
-    for part, members in groups:
-        matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
-        moduli.append(Modulus(part.factor, part.rest, names))
+        groups.append((Modulus("1", "1", names), constant))
+    matrices = [discretisation.own_rows(_assembled(discretisation, members)) for _, members in groups]
     pattern = discretisation.common_pattern or CommonPattern(matrices)
     if scene.shapes:  # matrices are assembled again
         discretisation.common_pattern = pattern
-    return pattern.filled(matrices), tuple(moduli) if varying else ()
+    return pattern.filled(matrices), tuple(modulus for modulus, _ in groups) if varies else ()
 
 
 class CommonPattern:
-    """Union of the entries of several matrices of one mesh, with stored zeros; sums are then sums of data.
-
-    Args:
-        matrices: local rows, (own, N) each; matrices that are brought to the pattern later have the patterns of these.
-    """
+    """Union of the entries of several matrices of one mesh, (own, N), with stored zeros; sums are then sums of data."""
 
     def __init__(self, matrices: list[csr_matrix]):
         # boolean entries, whose sums and products keep their order: entries of large matrices are slow to sort
@@ -68,7 +62,7 @@ class CommonPattern:
         self._places = [whole.multiply(item).data - 1 for item in own]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
-        """The matrices in the common pattern."""
+        """Matrices with the patterns of those, in the common one."""
         found = []
         for item, places in zip(matrices, self._places, strict=True):
             data = np.zeros(self._indices.size)
@@ -77,26 +71,23 @@ class CommonPattern:
         return tuple(found)
 
 
-def _assembled(discretisation: DiscreteSpace, members: list) -> PETSc.Mat:
-    """Stiffness of some bodies, given as indices with the weights of their parts, in the pattern of the whole mesh."""
+def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, float]]) -> PETSc.Mat:
+    """Stiffness of some bodies, weights of their parts by index, in the pattern of the whole mesh."""
     matrix = discretisation.empty_matrix()
-    ordinary = [item for item in members if not discretisation.mean_dilatation[item[0]]]
+    averaged = {place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]}
+    ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
     if ordinary:
-        fem_petsc.assemble_matrix(matrix, fem.form(sum(_form(discretisation, *item) for item in ordinary)))
-    averaged = {place: moduli for place, moduli in members if discretisation.mean_dilatation[place]}
+        fem_petsc.assemble_matrix(matrix, fem.form(sum(ordinary)))
     if averaged:
-        from hhr_dolfinx.full_order.gauss_points import add_parts
-
-        add_parts(discretisation, matrix, averaged)
+        add_stiffness(discretisation, matrix, averaged)
     matrix.assemble()
     return matrix
 
 
 def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]) -> ufl.Form:
     """Form of one body for given weights of its parts."""
-    scene = discretisation.scene
     body = discretisation.scene.bodies[place]
-    hypothesis = scene.hypothesis
+    hypothesis = discretisation.scene.hypothesis
     dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
@@ -105,32 +96,3 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
     return weight * ufl.inner(stress, measured) * dx
-
-
-def stress_of(
-    discretisation: DiscreteSpace,
-    body: Body,
-    field: fem.Function,
-    dilatation: fem.Function | None,
-    point: np.ndarray,
-    eigenstrain: object = None,
-) -> object:
-    """Stress of a body at a point of the parameters, (P,), in UFL; values of its constants are not compiled.
-
-    An ``eigenstrain``, times the grading, is subtracted from the graded strain.
-    """
-    names = discretisation.scene.parameters.names
-    hypothesis = discretisation.scene.hypothesis
-    formulas = (str(body.young), str(body.poisson))
-    young, poisson = (discretisation.constant(Scalar(text, names).value(point)) for text in formulas)
-    strain = elasticity.strain(field, hypothesis, poisson)
-    if dilatation is not None:
-        strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)
-    strain = grading_of(discretisation, body) * strain
-    if eigenstrain is not None:
-        strain = strain - eigenstrain
-        if hypothesis == "plane_stress":
-            strain = volume.without_third_stress(strain, poisson)
-    shear = young / (2 * (1 + poisson))
-    lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-    return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain

@@ -20,30 +20,23 @@ if TYPE_CHECKING:
 
 
 class BodiesWithLaws(Protocol):
-    """Bodies with laws on the mesh of a scene.
-
-    Attributes:
-        discretisation: mesh and forms; each rank has the whole mesh.
-        stiffness: parts of the elastic stiffness, (N, N) each.
-        moduli: their amplitudes; empty if elasticity is constant, with a single part.
-        places: number of places at which laws are evaluated.
-    """
+    """Bodies with laws on the mesh of a scene."""
 
     @property
     def discretisation(self) -> Discretisation:
-        """See the class."""
+        """Mesh and forms; each rank has the whole mesh."""
 
     @property
     def stiffness(self) -> tuple[csr_matrix, ...]:
-        """See the class."""
+        """Parts of the elastic stiffness, (N, N) each."""
 
     @property
     def moduli(self) -> tuple[Modulus, ...]:
-        """See the class."""
+        """Their amplitudes; empty if elasticity is constant, with a single part."""
 
     @property
     def places(self) -> int:
-        """See the class."""
+        """Number of places at which laws are evaluated."""
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
         """Von Mises' stress of an output in some cells, by their numbers."""

@@ -137,11 +137,6 @@ class FullModel(AnsweringModel, ModelFields):
     def per_force(self) -> np.ndarray:
         """K^-1 B^T, (n, N_lambda)."""
 
-    @property
-    @abstractmethod
-    def block_ordering(self) -> str:
-        """Ordering of factors for many right-hand sides at once."""
-
     @abstractmethod
     def march(
         self,

@@ -31,8 +31,7 @@ from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.interface import reduction_of
-from hhr_dolfinx.reduction.laws import bodies_of
+from hhr_dolfinx.reduction.interface import bodies_of, reduction_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
@@ -44,55 +43,33 @@ from hhr_dolfinx.warn import repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedLaws
-    from hhr_dolfinx.models.starts import LinearStarts
 
 
 @dataclass(frozen=True, eq=False)
 class HyperFacts:
-    """Facts of a hyper-reduced model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
-
-    Attributes:
-        recipe: the recipe.
-        layers: layers of cells of the RID, possibly more than in the recipe.
-        basis: V, (N, ell), local rows of it if the build is distributed.
-        sets: index sets of the RID.
-        stability: constants of the elastic projection.
-        enrichment: the enrichment of the basis.
-        tangent_margin: smallest real part of the eigenvalues of the projected tangents; None if they were not
-            computed.
-    """
+    """Facts of a hyper-reduced model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
     recipe: Recipe
-    layers: int
-    basis: np.ndarray
-    sets: IndexSets
-    stability: Stability
-    enrichment: Enrichment
-    tangent_margin: float | None
+    layers: int  # of cells of the RID, possibly more than in the recipe
+    basis: np.ndarray  # V, (own, ell)
+    sets: IndexSets  # of the RID
+    stability: Stability  # constants of the elastic projection
+    enrichment: Enrichment  # of the basis
+    tangent_margin: float | None  # smallest real part of the eigenvalues of the projected tangents, if computed
 
 
 @dataclass(frozen=True, eq=False)
 class Offline:
-    """Data that all attempts share.
-
-    Attributes:
-        task: the full model and its answers.
-        recipe: the recipe.
-        basis: before enrichment, (own, ell).
-        nodes: nodes from which the RID is made.
-        constants: of the full model.
-        completion: reconstruction of answers.
-        computed: results that stages compute once for all attempts, by name.
-    """
+    """Data that all attempts share."""
 
     task: Task
     snapshots: SnapshotSet
     recipe: Recipe
-    basis: np.ndarray
-    nodes: np.ndarray
+    basis: np.ndarray  # before enrichment, (own, ell)
+    nodes: np.ndarray  # from which the RID is made
     constants: FullConstants
-    completion: Completion
-    computed: dict[str, Any] = field(default_factory=dict)
+    completion: Completion  # of answers
+    computed: dict[str, Any] = field(default_factory=dict)  # what stages compute once for all attempts, by name
 
     @property
     def full(self) -> FullModel:
@@ -113,29 +90,16 @@ class Offline:
 
 @dataclass(eq=False)
 class Draft:
-    """A hyper-reduced model under construction: each stage adds a part.
-
-    Attributes:
-        shared: data that all attempts share.
-        layers: layers of cells of the RID.
-        sets: index sets of the RID.
-        enrichment: the enriched basis.
-        reduced: the projected arrays.
-        flow: laws of bodies on the RID; None for elastic bodies.
-        stability: constants of the projection.
-        fields: reconstruction of answers.
-        model: the model.
-        tangent_margin: see :class:`HyperFacts`.
-    """
+    """A hyper-reduced model under construction: each stage adds a part, see :class:`HyperFacts`."""
 
     shared: Offline
     layers: int
     sets: IndexSets = field(init=False)
     enrichment: Enrichment = field(init=False)
-    reduced: ReducedProblem = field(init=False)
-    flow: ReducedLaws | None = None
+    reduced: ReducedProblem = field(init=False)  # the projected arrays
+    flow: ReducedLaws | None = None  # laws of bodies on the RID; None for elastic bodies
     stability: Stability = field(init=False)
-    fields: Reconstruction = field(init=False)
+    fields: Reconstruction = field(init=False)  # of answers
     model: ReducedModel = field(init=False)
     tangent_margin: float | None = None
 
@@ -151,16 +115,14 @@ class Draft:
         return HyperFacts(self.shared.recipe, self.layers, *made)
 
 
-def usual_recipe(full: FullModel) -> Recipe:
-    """The default recipe of a scene."""
-    return usual_recipes(full)[0]
-
-
 def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
     """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
-    if full.equilibrium is not None:
-        return bodies_of(full).recipes()
-    return reduction_of(full.problem.law).recipes()
+    return reduction_of(full.law).recipes() if full.equilibrium is None else bodies_of(full).recipes()
+
+
+def usual_recipe(full: FullModel) -> Recipe:
+    """The first of them."""
+    return usual_recipes(full)[0]
 
 
 def build(
@@ -258,9 +220,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
             "times as exact. Condense the scene, hhr.condense(scene), or hhr.train(scene, ...).condense()"
         )
-    for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
-        if solutions is None and name == "held_out":
-            continue
+    for name, solutions in (("snapshots", snapshots), *([] if held_out is None else [("held_out", held_out)])):
         check_of_problem(name, solutions, problem)
         if full.equilibrium is not None:
             bodies_of(full).check_given(full, name, solutions)
@@ -274,13 +234,9 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
 
 @dataclass(frozen=True)
 class HyperReduction(Reductor[Offline]):
-    """Hyper-reduction by a recipe. A model that is refused is built again with one more layer of cells.
+    """Hyper-reduction by a recipe. A model that is refused is built again with one more layer of cells."""
 
-    Attributes:
-        recipe: the recipe; None takes the default of the scene, in a search.
-    """
-
-    recipe: Any = None
+    recipe: Any = None  # None takes the default of the scene, in a search
     method: ClassVar[str] = "hhr"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "layers"
@@ -305,11 +261,9 @@ class HyperReduction(Reductor[Offline]):
 
     def prepare(self, task: Task, before: Offline | None = None) -> Offline:
         """Basis, nodes of the RID, constants of the full model and reconstruction."""
-        full = task.full
+        full, log, snapshots = task.full, task.log, task.snapshots
         problem = full.problem
-        log = task.log
         recipe: Recipe = self.recipe
-        snapshots = task.snapshots
         assert snapshots is not None  # checked
         if recipe.trust is None:
             log.skip("validation", "no limits were given: the model is as it is")
@@ -326,9 +280,10 @@ class HyperReduction(Reductor[Offline]):
         with log.stage("reconstruction", task.announce):
             laws = None if full.equilibrium is None else bodies_of(full).fitted(snapshots)
             completion = Completion.of(problem, snapshots, laws)
-        if full.equilibrium is None or recipe.tangents is None:
-            why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
-            log.skip("tangents", why)
+        if full.equilibrium is None:
+            log.skip("tangents", "elastic bodies: the elastic operator is the tangent")
+        elif recipe.tangents is None:
+            log.skip("tangents", "not requested")
         if recipe.indicator is None and (not problem.law.remembers or full.equilibrium is not None):
             log.skip("indicator", "no estimate of the error of each answer was requested")
         return Offline(task, snapshots, recipe, basis, nodes, constants, completion)
@@ -451,44 +406,44 @@ def reconstruct(draft: Draft) -> None:
     full = shared.full
     recipe = shared.recipe
     problem = full.problem
-    bounding = bound_of(full, recipe, shared.snapshots, draft.basis, shared.log, shared.task.announce)
-    bound = bounding.bound
+    found = bound_of(full, recipe, shared.snapshots, draft.basis, shared.log, shared.task.announce)
     with shared.log.stage("reconstruction", shared.task.announce):
-        cone = (recipe.cone or bound is None) and not problem.law.plugin  # forces of other laws may have any sign
-        fields = shared.completion.reconstruction(problem, bounding.columns, draft.sets, draft.flow, cone=cone)
-        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
-        fields = replace(fields, functionals=plain_outputs(full), response=bounding.response)
+        cone = (recipe.cone or found.bound is None) and not problem.law.plugin  # forces of other laws may have any sign
+        draft.fields = replace(
+            shared.completion.reconstruction(problem, found.columns, draft.sets, draft.flow, cone=cone),
+            bound=found.bound,
+            unbounded=found.unbounded,
+            response=found.response,
+            stress_of=full.stress_of,
+            functionals=plain_outputs(full),
+            full=full,
+        )
         if recipe.indicator is not None:
-            fields = replace(fields, indicator=recipe.indicator.prepared(problem, draft.basis, draft.sets))
-    draft.fields = fields
+            indicator = recipe.indicator.prepared(problem, draft.basis, draft.sets)
+            draft.fields = replace(draft.fields, indicator=indicator)
 
 
 def assemble(draft: Draft) -> None:
     """The model, with the range and the statuses of the training; the paths of load paths are known after the check."""
     shared = draft.shared
-    space = shared.full.problem.parameters
+    space = shared.full.parameters
     elastic = draft.flow is None
     known = shared.snapshots.known_statuses(draft.sets.A_lambda) if elastic else None
     with shared.log.stage("online_arrays", shared.task.announce):
-        range_ = TrainedRange.of(shared.snapshots.points, space) if elastic else None
-        arrays = draft.reduced, shared.full.parameters, draft.fields, range_
-        draft.model = ReducedModel(*arrays, known=known, flow=draft.flow)
+        trained = TrainedRange.of(shared.snapshots.points, space) if elastic else None
+        draft.model = ReducedModel(draft.reduced, space, draft.fields, trained, known=known, flow=draft.flow)
 
 
 def start_along(draft: Draft) -> None:
     """Statuses start along derivatives, for a model without tabulated answers."""
     model = draft.model
-    if model.eliminated is not None and not (draft.reduced.motions or model.eliminated.tabulated):
-        with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
-            draft.model = model.changed(known=_starts_along(model))
-
-
-def _starts_along(model: ReducedModel) -> LinearStarts:
-    """Starts of a model; the module is loaded only for such a model."""
-    from hhr_dolfinx.reduction.starts import linear_starts
-
     inner: Any = model.eliminated
-    return linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
+    if inner is not None and not (draft.reduced.motions or inner.tabulated):
+        from hhr_dolfinx.reduction.starts import linear_starts
+
+        with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
+            known = linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
+            draft.model = model.changed(known=known)
 
 
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:

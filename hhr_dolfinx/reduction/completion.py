@@ -13,14 +13,13 @@ from scipy.optimize import nnls
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Completion as CompletionOfLaws
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedLaws
 
 
-FORCES = 1e-6
-"""Part of the squared training forces that modes of forces leave out, for laws that give them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
@@ -44,17 +41,11 @@ class FittedLaws(Protocol):
 
 @dataclass(frozen=True)
 class Completion:
-    """Reconstruction data that depend on training alone, computed once for all attempts.
+    """Reconstruction data that depend on training alone, computed once for all attempts."""
 
-    Attributes:
-        forces: of training, (N_lambda, S).
-        gap_scale: length scale of gaps, (N_lambda,).
-        laws: fields of bodies with laws in training; None for elastic bodies.
-    """
-
-    forces: np.ndarray
-    gap_scale: np.ndarray
-    laws: FittedLaws | None = None
+    forces: np.ndarray  # of training, (N_lambda, S)
+    gap_scale: np.ndarray  # length scale of gaps, (N_lambda,)
+    laws: FittedLaws | None = None  # fields of bodies with laws in training; None for elastic bodies
 
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None = None) -> Completion:
@@ -65,11 +56,6 @@ class Completion:
     def rays(self) -> np.ndarray:
         """Training forces whose cone contains all of them, see (1.70), (N_lambda, S')."""
         return spanning_rays(self.forces, IN_THE_CONE)
-
-    @cached_property
-    def force_modes(self) -> np.ndarray:
-        """POD modes of the training forces, (N_lambda, modes)."""
-        return pod(self.forces, FORCES)[0]
 
     def reconstruction(
         self,
@@ -94,14 +80,8 @@ class Completion:
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
             dimension=problem.block_size,
-            flow=None if flow is None else self._of_laws(flow),
+            flow=None if flow is None or self.laws is None else self.laws.completion(flow),
         )
-
-    def _of_laws(self, flow: ReducedLaws) -> CompletionOfLaws:
-        """Completion of the fields of laws."""
-        if self.laws is None:
-            raise ReductionError("the fields of laws of bodies in training are unknown: give them as laws")
-        return self.laws.completion(flow)
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
@@ -154,30 +134,22 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     return scale
 
 
-OF_MEMORY = "contact with {}: the error of reduced increments has no bound"
-
-
 def bound_of(
-    full: FullModel,
-    recipe: Recipe,
-    snapshots: SnapshotSet,
-    basis: np.ndarray,
-    log: StageLog,
-    announce: Announce = unannounced,
+    full: FullModel, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarray, log: StageLog, announce: Announce
 ) -> Bounding:
     """Bounds for a recipe, with a basis, (own, ell); None if not requested or not proved, with a log entry."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
-    if full.problem.law.remembers:
-        return Bounding(None, basis, unbounded=OF_MEMORY.format(full.problem.law.name))
-    forces = snapshots.forces
+    law = full.problem.law
+    if law.remembers:
+        why = f"contact with {law.name}: the error of reduced increments has no bound"
+        return Bounding(None, basis, unbounded=why)
     try:
         with log.stage("bound", announce):
             for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
                 if given.wanted(full):
-                    made: Bounding = registry.load(given.place)(
-                        full, basis, forces, cone=recipe.cone, announce=announce
-                    )
+                    prove = registry.load(given.place)
+                    made: Bounding = prove(full, basis, snapshots.forces, cone=recipe.cone, announce=announce)
                     return made
             raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:

@@ -38,21 +38,13 @@ ORTHONORMAL = 1e-8
 
 @dataclass(frozen=True)
 class Enrichment:
-    """An enriched basis and the steps of its enrichment.
+    """An enriched basis and the steps of its enrichment."""
 
-    Attributes:
-        basis: V bar of (3.2), orthonormal columns, (N, ell_bar); local rows of it if it is distributed over ranks.
-        added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
-        kappas: kappa(B~1) before the first and after each addition; infinite while rows of B~1 or B~2 are dependent.
-        stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
-        left_out: conditions whose function lies in the span of the basis already, such as that of a second stop.
-    """
-
-    basis: np.ndarray
-    added: np.ndarray
-    kappas: list[float]
-    stalled: bool
-    left_out: np.ndarray
+    basis: np.ndarray  # V bar of (3.2), orthonormal columns, (own, ell_bar)
+    added: np.ndarray  # conditions whose slave node was added, in order, L_c of Alg. 3.1
+    kappas: list[float]  # kappa(B~1) before the first and after each addition; infinite while rows are dependent
+    stalled: bool  # candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached
+    left_out: np.ndarray  # conditions whose function lies in the span of the basis already, as of a second stop
 
 
 def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float) -> Enrichment:
@@ -130,13 +122,9 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
 def _outside(
     parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """Unit function that is orthogonal to a basis and adds another one to its span, (own,); None if that lies inside.
+    """Unit function orthogonal to a basis, in two blocks, (own, ell) each, that adds a column to its span, (own,).
 
-    Args:
-        parts: two blocks of orthonormal columns of the basis, (own, ell) each.
-        column: the other, of unit length, which is changed.
-        along: its products with all columns.
-        rows: local rows of distributed tables.
+    None if that lies inside. The column has unit length and is changed; ``along`` are its products with the basis.
     """
     for _ in range(2):  # twice is enough: the first pass leaves round-off of the original length, not of the remainder
         for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
@@ -154,8 +142,7 @@ def _outside(
 def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
     """Log whether there was an enrichment, why it stopped early, and the conditions left out."""
     kappa = enrichment.kappas[-1]
-    if len(enrichment.left_out):
-        count = len(enrichment.left_out)
+    if count := len(enrichment.left_out):
         named = ", ".join(str(number) for number in enrichment.left_out[:5]) + ", ..." * (count > 5)
         log.skip(
             "enrichment_twins",
@@ -196,21 +183,13 @@ def _unit(rows: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Table:
-    """B~1 or B~2 of a basis that grows (m conditions, ell columns, c candidates).
-
-    Attributes:
-        problem: of the tables.
-        rows: B on some dofs, (m, k).
-        part: these dofs, (k,).
-        values: B~, (m, ell).
-        outside: images of candidates outside of the range of B~, along directions that complete it, (missing, c).
-    """
+    """B~1 or B~2 of a basis that grows (m conditions, ell columns, c candidates)."""
 
     problem: ContactProblem
-    rows: csr_matrix
-    part: np.ndarray
-    values: np.ndarray
-    outside: np.ndarray
+    rows: csr_matrix  # B on some dofs, (m, k)
+    part: np.ndarray  # these dofs, (k,)
+    values: np.ndarray  # B~, (m, ell)
+    outside: np.ndarray  # images of candidates along directions that complete the range of B~, (missing, c)
 
     @classmethod
     def of(
@@ -219,8 +198,7 @@ class _Table:
         """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
         values = rows @ problem.spread.at(basis, part)
         table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
-        directions, _ = table.spectrum
-        return replace(table, outside=directions[:, table.rank :].T @ images)
+        return replace(table, outside=table.missing.T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
         """Table with one more column of the basis, its values on these dofs, (k,), from a candidate.
@@ -248,10 +226,11 @@ class _Table:
             return linalg.svd(self.values, full_matrices=full, lapack_driver="gesvd")[:2]
 
     @property
-    def rank(self) -> int:
-        """Numerical rank, by the singular values."""
-        _, values = self.spectrum
-        return sum(math.isfinite(self.problem.condition_number(value, values[0])) for value in values)
+    def missing(self) -> np.ndarray:
+        """Directions that complete the range of B~, by the numerical rank, (m, missing)."""
+        directions, values = self.spectrum
+        kappas = [self.problem.condition_number(value, values[0]) for value in values]
+        return directions[:, sum(map(math.isfinite, kappas)) :]
 
     @property
     def kappa(self) -> float:
@@ -270,22 +249,18 @@ def _kappa(tables: list[_Table]) -> float:
 
 
 def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> int:
-    """Index of the best candidate: it raises a rank that is missing, or else lowers kappa(B~1) most.
+    """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers kappa(B~1) most.
 
-    Args:
-        tables: B~1 and B~2.
-        images, weights: of candidates, and their products with the basis, (m, c) and (ell, c).
-        lengths: of their parts outside the basis, (c,).
-        left: their indices among all candidates, (c,).
+    They have images, (m, c), products with the basis, (ell, c), and lengths outside the basis, (c,).
     """
     for table in tables:
         if len(table.outside):
             return int((np.linalg.norm(table.outside[:, left], axis=0) / lengths).argmax())
     new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
-        directions, _ = table.spectrum
-        if table.rank < len(directions):  # to round-off, though no direction is missing
-            return int(np.linalg.norm(directions[:, table.rank :].T @ columns, axis=0).argmax())
+        missing = table.missing
+        if missing.size:  # to round-off, though no direction was missing
+            return int(np.linalg.norm(missing.T @ columns, axis=0).argmax())
     directions, values = tables[0].spectrum
     smallest, largest = _extremes_after_update(values**2, (directions.T @ new[0]) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report

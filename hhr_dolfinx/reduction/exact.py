@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
+from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -25,11 +24,7 @@ STARTS = 64
 
 @dataclass(frozen=True)
 class ExactCondensation(Reductor[Task]):
-    """Exact condensation, see :func:`exact_condensation`.
-
-    Attributes:
-        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
-    """
+    """Exact condensation, see :func:`exact_condensation`."""
 
     field: bool = False
     method: ClassVar[str] = "condensed"
@@ -46,11 +41,12 @@ class ExactCondensation(Reductor[Task]):
 
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
         """The model."""
-        full = prepared.full
-        snapshots = prepared.snapshots
+        full, snapshots = prepared.full, prepared.snapshots
         if snapshots is None or full.law.remembers:
-            return exact_condensation(full, _known_statuses(full), field=self.field), None
-        return exact_condensation(full, snapshots.known_statuses(), field=self.field), None
+            known = _known_statuses(full)
+        else:
+            known = snapshots.known_statuses()
+        return exact_condensation(full, known, field=self.field), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, None]:
         """Nothing: the driver compares the claim of exactness."""
@@ -78,44 +74,46 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
-    full.problem.require_parts("condensation")
-    if not full.spread.all_here and full.problem.held_by_contact:
+    problem = full.problem
+    rows = problem.spread
+    floats = problem.held_by_contact
+    problem.require_parts("condensation")
+    if floats and not rows.all_here:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
             f"bodies of scene '{full.scene.name}' have laws: their stiffness changes, and no condensation is exact"
         )
-    if full.problem.varies:
+    if problem.varies:
         raise SceneError(
             f"the stiffness of scene '{full.scene.name}' depends on parameters, and no condensation is exact then: "
             "interpolate it, training.condense()"
         )
-    problem = full.problem
     conditions = len(problem.gaps)
     if not isinstance(known, KnownStatuses) or known.active.shape[1:] != (conditions,) or not known.active.size:
         raise SceneError(
             f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
             "point or more: snapshots.known_statuses()"
         )
-    free = full.spread.whole(full.per_load)
+    free = rows.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
-    kept = full.keeps_columns and full.spread.all_here
-    field = (field and kept) or problem.held_by_contact
+    kept = full.keeps_columns and rows.all_here
+    field = (field and kept) or floats
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full.per_force if field else np.zeros((0, conditions)),
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    outputs = plain_outputs(full)
-    floats = problem.held_by_contact
-    size = problem.block_size
-    if not (kept or floats):
-        fields: Any = _solved_fields(full, free)
+    if kept or floats:
+        rest = free, problem.block_size, floats, full.stress_of, plain_outputs(full), full
+        fields: Any = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
     else:
-        rest = free, size, floats, full.stress_of, outputs, full
-        fields = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
-    eliminated = _elimination(problem, responses)
+        fields = _solved_fields(full, free)
+    if floats and problem.kernel is not None:
+        eliminated = problem.kernel.exact(problem, responses)
+    else:
+        eliminated = ConstantElimination(responses, problem.amplitudes)
     return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law)
 
 
@@ -125,17 +123,9 @@ def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     outputs = plain_outputs(full)
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
-    return SolvedFields(
-        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(read)),
-        full.pushed_everywhere, full.stress_of, outputs, full,
-    )  # fmt: skip
-
-
-def _elimination(problem: ContactProblem, responses: Responses) -> Elimination:
-    """Elimination of everything but the contact forces, and the kernel of K."""
-    if problem.held_by_contact and problem.kernel is not None:
-        return problem.kernel.exact(problem, responses)
-    return ConstantElimination(responses, problem.amplitudes)
+    solved = np.ascontiguousarray(-full.pressed(read)), full.pushed_everywhere
+    rest = *solved, full.stress_of, outputs, full
+    return SolvedFields(problem.amplitudes, problem.lifts, free, problem.block_size, *rest)
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:
@@ -148,6 +138,5 @@ def _known_statuses(full: FullModel) -> KnownStatuses:
         return nothing
     model = exact_condensation(full, nothing, field=False)
     points = Sobol(STARTS).points(problem.parameters)
-    return (
-        KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points) or nothing
-    )
+    answers = (model.solve(point, start=None, raise_on_failure=False) for point in points)
+    return KnownStatuses.of_answers(answers) or nothing

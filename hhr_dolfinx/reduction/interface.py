@@ -1,21 +1,30 @@
-"""Facet ``reduction`` of a law of interfaces: its part in the hyper-reduction."""
+"""Facets ``reduction`` of plug-ins: hyper-reduction of laws of interfaces, and of bodies with laws. Both add stages."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Protocol
+
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.models.histories.equilibrium import facet_of
 from hhr_dolfinx.reduction.recipe import Recipe
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.certify.compare import Comparison
+    from hhr_dolfinx.certify.trust import TrustLimits
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.completion import FittedLaws
+    from hhr_dolfinx.snapshots.records import SnapshotSet
+    from hhr_dolfinx.trained import Trained
 
 
 class Reduction:
-    """Base of the facet, that of unilateral contact. A law completes its forces by stages of its manifest."""
+    """Base of the facet of a law of interfaces, that of unilateral contact."""
 
     def recipes(self) -> tuple[Recipe, ...]:
         """Default recipes for elastic bodies; each is tried if the one before leaves contact rows dependent."""
         return (Recipe(),)
-
-
-_UNILATERAL = Reduction()
 
 
 def reduction_of(law: ContactLaw) -> Reduction:
@@ -25,6 +34,41 @@ def reduction_of(law: ContactLaw) -> Reduction:
         NotOfferedError: if its plug-in has none: the model would leave the law out.
     """
     if not law.plugin:
-        return _UNILATERAL
+        return Reduction()
     found: Reduction = registry.facet(law.plugin, "reduction", f"hyper-reduction of contacts with {law.name}")
+    return found
+
+
+class ReducedBodies(Protocol):
+    """Reduction of bodies with laws."""
+
+    def recipes(self) -> tuple[Recipe, ...]:
+        """The usual recipes."""
+
+    def check_given(self, full: FullModel, name: str, solutions: SnapshotSet) -> None:
+        """Raise ReductionError for solutions, called ``name``, of other laws or of another mesh."""
+
+    def fitted(self, snapshots: SnapshotSet) -> FittedLaws:
+        """Fields of training, decomposed once for all attempts."""
+
+    def checked(
+        self,
+        full: FullModel,
+        model: object,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        limits: TrustLimits | None,
+        remedy: str | Mapping[str, str],
+    ) -> tuple[Comparison | None, Trained | None]:
+        """Errors against known histories, and the training range."""
+
+
+def bodies_of(full: FullModel) -> ReducedBodies:
+    """Reduction of the laws of a full model that has an equilibrium.
+
+    Raises:
+        NotOfferedError: if no reduction is built in for them.
+    """
+    assert full.equilibrium is not None
+    found: ReducedBodies = facet_of(full.equilibrium, "reduction", "a reduced model")
     return found

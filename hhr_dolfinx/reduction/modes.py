@@ -1,11 +1,7 @@
-"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2.
-
-Fields of histories, such as stress, are decomposed so that small states count like large ones.
-"""
+"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,8 +49,7 @@ def pod(
         raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
     left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
     # singular values below round-off are noise, however small the tolerance
-    rank = int((values > values[0] * noise).sum())
-    count = min(int(np.argmax(left_out < tolerance)), rank)
+    count = min(int(np.argmax(left_out < tolerance)), int((values > values[0] * noise).sum()))
     chosen = modes[:, :count] if gram is None else rows.orthonormal(modes[:, :count])[0]
     return np.ascontiguousarray(chosen), values
 
@@ -75,39 +70,6 @@ def _decomposed(snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows) -> t
     squares, weights = rows.first(linalg.eigh(rows.sum(snapshots.T @ (gram @ snapshots))))
     values = np.sqrt(np.maximum(squares[::-1], 0.0))
     return snapshots @ weights[:, ::-1], values, np.sqrt(noise)
-
-
-SMALL_STATE = 1e-3
-"""Norm of a state, relative to the largest of any, above which it counts in full; smaller states count by their size,
-so that round-off of unloaded bodies does not count."""
-CHUNK = 20_000
-"""Values of each field that are stacked at once."""
-
-
-def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
-    """Orthonormal POD modes of states, (values, modes), each divided by its norm.
-
-    By their sizes, states of little plastic strain, first steps and residual states would be left out compared with
-    those of full loads: on the pellet 36 to 60 % of their plastic strain and stress.
-
-    Args:
-        fields: one for each state, (values,); they may be too long to stack.
-        tolerance: part of the squared sum that the modes leave out; by the method of snapshots, from 1e-14.
-    """
-    sizes = np.array([np.linalg.norm(field) for field in fields])
-    scale = 1 / np.maximum(sizes, SMALL_STATE * sizes.max() or 1.0)
-    parts = [slice(start, start + CHUNK) for start in range(0, fields[0].size, CHUNK)]
-
-    def stacked(part: slice) -> np.ndarray:
-        return np.stack([field[part] for field in fields]) * scale[:, None]
-
-    squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, parts)))
-    squares = np.maximum(squares[::-1], 0.0)
-    ways = ways[:, ::-1]
-    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
-    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
-    chosen = ways[:, :count] / np.sqrt(squares[:count])
-    return np.concatenate([stacked(part).T @ chosen for part in parts])
 
 
 def deim(basis: np.ndarray, rows: Rows | None = None) -> np.ndarray:
@@ -133,8 +95,7 @@ def deim(basis: np.ndarray, rows: Rows | None = None) -> np.ndarray:
     for k, mode in enumerate(basis.T):
         residual = mode
         if points:
-            weights = np.linalg.solve(picked[:, :k], picked[:, k])
-            residual = mode - basis[:, :k] @ weights
+            residual = mode - basis[:, :k] @ np.linalg.solve(picked[:, :k], picked[:, k])
         point, size = rows.largest(np.abs(residual))
         if not size > 1e-13 * rows.largest(np.abs(mode))[1]:
             raise ReductionError(f"column {k} of the basis depends on the columns before it")

@@ -36,15 +36,30 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
             f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
             f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
         )
-    rows = problem.contact[sets.A_lambda]
     shared = problem.spread
     modes: Modes = _Modes(basis, sets) if shared.all_here else shared.modes(problem, basis, sets)
     loads = modes.tested(problem.loads)
-    terms = _terms(problem, modes, loads) if problem.moduli else None
+    terms = None
+    if problem.moduli:
+        weights = problem.weights(problem.middle)
+        lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
+        parts = np.stack([modes.projected(term) for term in problem.stiffness_terms])
+        terms = ReducedTerms(parts, lifts, loads + np.tensordot(weights, lifts, 1), problem.moduli)
+        stiffness = np.tensordot(weights, parts, 1)
+    else:
+        stiffness = modes.projected(problem.own_stiffness)
+
+    rows = problem.contact[sets.A_lambda]
+
+    def moved(dofs: np.ndarray) -> np.ndarray:
+        """The rows times the modes on some dofs alone, (m, ell)."""
+        own = shared.mine(dofs)
+        return shared.sum(rows[:, own + problem.first] @ basis[own])
+
     reduced = ReducedProblem(
-        stiffness=modes.projected(problem.own_stiffness) if terms is None else _summed(problem, terms),
-        contact_test=_moved(problem, rows, basis, sets.A_c),
-        contact_trial=_moved(problem, rows, basis, sets.A_c_tilde),
+        stiffness=stiffness,
+        contact_test=moved(sets.A_c),
+        contact_trial=moved(sets.A_c_tilde),
         loads=loads,
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
@@ -52,12 +67,6 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         terms=terms,
     )
     return problem.kernel.balanced(problem, basis, sets, reduced) if reduced.motions and problem.kernel else reduced
-
-
-def _moved(problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-    """Rows of B, (m, N), times the modes on some dofs alone, (m, ell)."""
-    own = problem.spread.mine(dofs)
-    return problem.spread.sum(rows[:, own + problem.first] @ basis[own])
 
 
 class Modes(Protocol):
@@ -71,7 +80,7 @@ class Modes(Protocol):
 
 
 class _Modes:
-    """Modes, (N, ell), as test functions on some dofs, A, and as trial functions on these and those around them, I."""
+    """All rows of such modes, (N, ell)."""
 
     def __init__(self, basis: np.ndarray, sets: IndexSets):
         self._basis = basis
@@ -81,7 +90,6 @@ class _Modes:
         self._test = basis[sets.A] if few else None  # modes are not copied for most of the rows
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
-        """V^T K V, tested on A, (ell, ell)."""
         basis = self._basis
         if self._test is not None:
             return self._test.T @ (stiffness[self._rows][:, self._support] @ basis[self._support])
@@ -106,7 +114,6 @@ class _Modes:
         return np.flatnonzero(np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts]))
 
     def tested(self, columns: Any) -> np.ndarray:
-        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
         return self._test.T @ columns[self._rows] if self._test is not None else self._test_by(self._basis, columns)
 
     def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
@@ -117,25 +124,6 @@ class _Modes:
             inside = diags((~outside).astype(float))
             return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ modes).T)
         return modes.T @ np.where(outside[:, None], 0.0, columns)
-
-
-def holding(problem: ContactProblem) -> np.ndarray:
-    """Numbers of the conditions that hold bodies which nothing else holds."""
-    return np.zeros(0, dtype=np.int64) if problem.kernel is None else problem.kernel.holding()
-
-
-def _terms(problem: ContactProblem, modes: Modes, loads: np.ndarray) -> ReducedTerms:
-    """Parts of K~ and of its loads, of which those on A are tested already, (ell, 1 + T)."""
-    weights = problem.weights(problem.middle)
-    lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
-    forces = loads + np.tensordot(weights, lifts, 1)
-    stiffness = np.stack([modes.projected(term) for term in problem.stiffness_terms])
-    return ReducedTerms(stiffness, lifts, forces, problem.moduli)
-
-
-def _summed(problem: ContactProblem, terms: ReducedTerms) -> np.ndarray:
-    """K~ in the middle of the box, summed over its parts."""
-    return np.tensordot(problem.weights(problem.middle), terms.stiffness, 1)
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
@@ -151,19 +139,34 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
         nodes: nodes picked by DEIM and by zones of interest.
         layers: layers of cells added around the union.
     """
-    incidence = _incidence(problem)
-    rows = _rows_by_nodes(problem)
-    wanted = np.zeros(problem.points.shape[0], dtype=bool)
+    nodes_of_cells = problem.cell_nodes
+    count = len(problem.points)
+    starts = np.arange(0, nodes_of_cells.size + 1, nodes_of_cells.shape[1])
+    # cells by nodes, 1 where the node belongs to the cell; conditions by nodes, non-zero where they touch the node
+    incidence = csr_matrix(
+        (np.ones(nodes_of_cells.size), nodes_of_cells.ravel(), starts), shape=(len(nodes_of_cells), count)
+    )
+    coo = problem.contact.tocoo()
+    touching = np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)
+    rows = csr_matrix(touching, shape=(coo.shape[0], count))
+    slaves = problem.contact_slaves
+    wanted = np.zeros(count, dtype=bool)
     wanted[nodes] = True
     while True:
-        cells = incidence @ _with_facing_nodes(problem, rows, wanted) > 0
+        reached = wanted.copy()
+        reached[slaves[rows @ wanted > 0]] = True
+        reached |= rows.T @ reached[slaves] > 0  # the nodes that these slaves face
+        cells = incidence @ reached > 0
         for _ in range(layers):
             cells = incidence @ (incidence.T @ cells) > 0
-        inside = _close(problem, rows, incidence.T @ ~cells == 0)
+        inside = incidence.T @ ~cells == 0
+        # until no condition whose slave lies outside acts on the others
+        while (touched := inside & (rows.T @ ~inside[slaves] > 0)).any():
+            inside = inside & ~touched
         lost = wanted & ~inside
         if not lost.any():
             return _index_sets(problem, cells, inside)
-        wanted[problem.contact_slaves[rows @ lost > 0]] = True
+        wanted[slaves[rows @ lost > 0]] = True
 
 
 def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
@@ -172,51 +175,20 @@ def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
     return np.setdiff1d(acting, sets.A_lambda)
 
 
-def _incidence(problem):
-    """Cells by nodes, 1 where the node belongs to the cell."""
-    cells, per_cell = problem.cell_nodes.shape
-    indptr = np.arange(0, cells * per_cell + 1, per_cell)
-    data = np.ones(cells * per_cell)
-    return csr_matrix((data, problem.cell_nodes.ravel(), indptr), shape=(cells, len(problem.points)))
-
-
-def _rows_by_nodes(problem):
-    """Contact conditions by nodes, non-zero where the condition touches the node."""
-    coo = problem.contact.tocoo()
-    shape = (problem.contact.shape[0], len(problem.points))
-    return csr_matrix((np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)), shape=shape)
-
-
-def _with_facing_nodes(problem, rows, wanted):
-    """The nodes, the slaves of all conditions that touch them, and the nodes that these slaves face."""
-    slaves = wanted.copy()
-    slaves[problem.contact_slaves[rows @ wanted > 0]] = True
-    return slaves | (rows.T @ slaves[problem.contact_slaves] > 0)
-
-
-def _close(problem, rows, inside):
-    """Remove nodes until no condition whose slave lies outside acts on the others."""
-    while True:
-        touched = rows.T @ ~inside[problem.contact_slaves] > 0
-        if not (touched & inside).any():
-            return inside
-        inside = inside & ~touched
-
-
 def _index_sets(problem, cells, inside) -> IndexSets:
     in_A = np.repeat(inside, problem.block_size) & problem.free
     # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0
-    in_A_lambda = inside[problem.contact_slaves] & acts
-    in_A_lambda = problem.law.kept_with(in_A_lambda, problem.contact)
+    in_A_lambda = problem.law.kept_with(inside[problem.contact_slaves] & acts, problem.contact)
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "
             "add contact nodes as a zone of interest, or layers"
         )
     in_A_c_tilde = abs(problem.contact[in_A_lambda]).T @ np.ones(in_A_lambda.sum()) > 0
-    own = problem.spread.of(in_A)
-    in_I = ~in_A & (problem.spread.sum(abs(problem.own_stiffness[own]).T @ np.ones(own.sum())) > 0)
+    rows = problem.spread
+    own = rows.of(in_A)
+    in_I = ~in_A & (rows.sum(abs(problem.own_stiffness[own]).T @ np.ones(own.sum())) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
 

@@ -27,7 +27,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.enrichment import check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
-from hhr_dolfinx.reduction.projection import checked_nodes, holding, load_nodes
+from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
@@ -56,12 +56,6 @@ def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return found
 
 
-def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
-    picked = deim(pod(values, tolerance)[0])
-    return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
-
-
 class Basis(Protocol):
     """A choice of the basis of displacements; ranks of a distributed problem return their rows of the same modes."""
 
@@ -83,18 +77,23 @@ class Indicator(Protocol):
         """Function from an answer to its estimate, with all offline work done."""
 
 
-def _by_rows(step: object) -> bool:
-    """True if a step can work on local rows of the displacements."""
-    return getattr(step, "by_rows", False) is True
+def _on_rows(*steps: object) -> bool:
+    """True if local rows of the displacements suffice for steps."""
+    return all(getattr(step, "by_rows", False) is True for step in steps)
 
 
-def _check_truths(step: Any) -> None:
-    """Raise ReductionError for an attribute of a step that must be True or False, and is neither."""
-    for item in fields(step):
-        if item.type in (bool, "bool") and not isinstance(getattr(step, item.name), bool):
-            raise ReductionError(
-                f"{item.name} = {getattr(step, item.name)!r} of {type(step).__name__} must be True or False"
-            )
+METHODS = {
+    "modes": "modes(problem, snapshots), as Pod(1e-9) has",
+    "nodes": "nodes(problem, snapshots, basis), as Deim() has",
+    "prepared": "prepared(problem, basis, sets)",
+}
+"""Methods of steps, for messages."""
+
+
+def _check_step(said: str, step: object, method: str) -> None:
+    """Raise ReductionError for a step that is a class, or an object without a method."""
+    if isinstance(step, type) or not callable(getattr(step, method, None)):
+        raise ReductionError(f"{said} must have {METHODS[method]}")
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,10 @@ class Truncated:
                 f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
                 "snapshots left out"
             )
-        _check_truths(self)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.type in (bool, "bool") and not isinstance(value, bool):
+                raise ReductionError(f"{item.name} = {value!r} of {type(self).__name__} must be True or False")
 
 
 @dataclass(frozen=True)
@@ -140,48 +142,37 @@ class Pod(Truncated):
 
     def of_columns(self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE) -> np.ndarray:
         """Modes of any displacements, (N, S); processes share the bodies of a decomposition by body."""
-        gram = self._gram(problem)
         rows = problem.spread
+        gram = self._gram(problem, rows)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
+
+        def decomposed(own: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
+            return pod(own if weights is None else own * weights, self.tolerance, gram, rows)[0]
+
         if not self.by_body:
-            return pod(columns if weights is None else columns * weights, self.tolerance, gram, rows)[0]
+            return decomposed(columns, gram, rows)
         bodies = [dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))]
         if not bodies:
             raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
         if not rows.all_here:
-            parts = []
-            for dofs in bodies:
-                cut = _cut(columns, rows.mine(dofs))
-                parts.append(pod(cut if weights is None else cut * weights, self.tolerance, gram, rows)[0])
-            return np.hstack(parts)
+            return np.hstack([decomposed(_cut(columns, rows.mine(dofs)), gram, rows) for dofs in bodies])
 
         def of_body(number: int) -> np.ndarray:
-            return self._of_body(bodies[number], columns, weights, gram)
+            dofs = bodies[number]
+            return decomposed(columns[dofs], None if gram is None else gram[dofs][:, dofs], None)
 
-        task = "decomposing displacements"
-        modes = group.shared_out(len(bodies), of_body, task)
+        modes = group.shared_out(len(bodies), of_body, "decomposing displacements")
         ends = np.cumsum([0, *(own.shape[1] for own in modes)])
         found = np.zeros((len(columns), ends[-1]))
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
             found[dofs, first:last] = own
         return found
 
-    def _gram(self, problem: ContactProblem) -> Any:
+    def _gram(self, problem: ContactProblem, rows: Rows) -> Any:
         """Gram matrix of the norm; None for the Euclidean one."""
         if self.norm == "euclidean":
             return None
-        if self.norm == "energy":
-            return problem.stiffness_of_rows
-        return problem.spread.matrix(problem.mass)
-
-    def _of_body(
-        self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: csr_matrix | None
-    ) -> np.ndarray:
-        """Modes of one body on its dofs, (own dofs, k)."""
-        own = columns[dofs]
-        if weights is not None:
-            own *= weights
-        return pod(own, self.tolerance, None if gram is None else gram[dofs][:, dofs])[0]
+        return problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
 
 
 @dataclass(frozen=True)
@@ -196,9 +187,8 @@ class Deim:
     pod: Pod | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a ``pod`` without modes."""
-        if self.pod is not None and not _has(self.pod, "modes"):
-            raise ReductionError(f"pod = {self.pod!r} of Deim must have modes(problem, snapshots), as Pod(1e-9) has")
+        if self.pod is not None:
+            _check_step(f"pod = {self.pod!r} of Deim", self.pod, "modes")
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`."""
@@ -208,7 +198,7 @@ class Deim:
     @property
     def by_rows(self) -> bool:
         """See :class:`Pod`."""
-        return self.pod is None or _by_rows(self.pod)
+        return self.pod is None or _on_rows(self.pod)
 
 
 @dataclass(frozen=True)
@@ -237,7 +227,7 @@ class LoadNodes:
     by_rows: ClassVar[bool] = True
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :func:`load_nodes`."""
+        """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`."""
         return load_nodes(problem)
 
 
@@ -356,20 +346,13 @@ class Recipe(metaclass=_Named):
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
             raise ReductionError(f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), LoadNodes())")
         object.__setattr__(self, "nodes", tuple(self.nodes))
-        if not _has(self.basis, "modes"):
-            raise ReductionError(f"basis = {self.basis!r} must have modes(problem, snapshots), as Pod(1e-9) has")
+        _check_step(f"basis = {self.basis!r}", self.basis, "modes")
         for step in self.nodes:
-            if not _has(step, "nodes"):
-                raise ReductionError(f"{step!r} must have nodes(problem, snapshots, basis), as Deim() has")
-        if self.indicator is not None and not _has(self.indicator, "prepared"):
-            raise ReductionError(f"indicator = {self.indicator!r} must have prepared(problem, basis, sets)")
-        kinds: dict[str, Any] = {
-            "domain": Rid,
-            "enrichment": Enrich | None,
-            "trust": TrustLimits | None,
-            "tangents": Tangents | None,
-        }
-        kinds |= {"bound": bool, "cone": bool}
+            _check_step(repr(step), step, "nodes")
+        if self.indicator is not None:
+            _check_step(f"indicator = {self.indicator!r}", self.indicator, "prepared")
+        optional = {"enrichment": Enrich | None, "trust": TrustLimits | None, "tangents": Tangents | None}
+        kinds: dict[str, Any] = {"domain": Rid, **optional, "bound": bool, "cone": bool}
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")
@@ -377,18 +360,14 @@ class Recipe(metaclass=_Named):
     @classmethod
     def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
         """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10, (1.70)."""
-        plain: dict[str, Any] = {
-            "nodes": (Deim(), LoadNodes()),
-            "domain": Rid(0, 0),
-            "enrichment": Enrich(10.0),
-            "cone": True,
-        }
+        nodes = Deim(), LoadNodes()
+        plain: dict[str, Any] = {"nodes": nodes, "domain": Rid(0, 0), "enrichment": Enrich(10.0), "cone": True}
         return cls(Pod(tolerance), **(plain | changes))
 
     @property
     def by_rows(self) -> bool:
         """True if all of its steps can work on local rows."""
-        return self.indicator is None and all(map(_by_rows, (self.basis, *self.nodes)))
+        return self.indicator is None and _on_rows(self.basis, *self.nodes)
 
     def as_it_is(self) -> Recipe:
         """The same recipe without any check and without growth, to measure its result."""
@@ -397,11 +376,6 @@ class Recipe(metaclass=_Named):
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; functions by their names."""
         return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
-
-
-def _has(step: object, method: str) -> bool:
-    """True if a step is an object, not a class, with a method."""
-    return not isinstance(step, type) and callable(getattr(step, method, None))
 
 
 def _plain(value: object) -> Any:
@@ -419,8 +393,9 @@ def _plain(value: object) -> Any:
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """Basis of a step, which may be user-defined, in the form of the equations; the kernel of K comes first."""
     rows = problem.spread
-    if problem.kernel is not None:
-        snapshots = replace(snapshots, displacements=problem.kernel.without(rows, snapshots.displacements))
+    kernel = problem.kernel
+    if kernel is not None:
+        snapshots = replace(snapshots, displacements=kernel.without(rows, snapshots.displacements))
     basis = np.asarray(step.modes(problem, snapshots))
     free = rows.of(problem.free)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
@@ -431,16 +406,19 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     if not rows.alike(basis.shape[1]):
         raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
     check_basis(problem, basis, f"the basis of {step!r}")
-    if problem.kernel is not None:
-        basis = problem.kernel.first(rows, basis)
+    if kernel is not None:
+        basis = kernel.first(rows, basis)
     return np.where(free[:, None], basis, 0.0)  # without the round-off that the check allows
 
 
 def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
     """Numbers of the nodes around which the RID of a recipe is built, also by user-defined choices."""
-    found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
-    known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
-    nodes = np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))
+    found = [
+        checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
+        for step in recipe.nodes
+    ]
+    holding = [] if problem.kernel is None else [problem.contact_slaves[problem.kernel.holding()]]
+    nodes = np.unique(np.concatenate([*found, *holding]))
     if not problem.spread.alike(nodes.tobytes()):
         raise ReductionError("a step of the recipe chose other nodes on other ranks: choose the same of the whole mesh")
     return nodes

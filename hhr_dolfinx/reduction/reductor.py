@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
 from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
 from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
@@ -32,7 +33,8 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
-from hhr_dolfinx.reduction.laws import bodies_of
+from hhr_dolfinx.reduction.interface import bodies_of
+from hhr_dolfinx.registry import Way
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
@@ -64,41 +66,25 @@ Facts = TypeVar("Facts")
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Input of a reduction.
-
-    Attributes:
-        full: the full model.
-        snapshots, held_out: its answers, for training and for validation; None without any.
-        log: records every stage.
-        announce: called with each stage and the share of it that is done; an exception from it stops the build.
-        sure: full answers that are solved for to compare a model that calls itself exact; 0 if the caller compares it.
-    """
+    """Input of a reduction."""
 
     full: FullModel
-    snapshots: SnapshotSet | None = None
-    held_out: SnapshotSet | None = None
+    snapshots: SnapshotSet | None = None  # for training
+    held_out: SnapshotSet | None = None  # for validation
     log: StageLog = field(default_factory=StageLog)
-    announce: Announce = unannounced
-    sure: int = SURE
+    announce: Announce = unannounced  # called with each stage and the share that is done; may raise to stop the build
+    sure: int = SURE  # full answers solved for to compare a model that calls itself exact; 0 if the caller compares it
 
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[Facts]):
-    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``.
+    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``."""
 
-    Attributes:
-        reductor: what made the model.
-        level: of the attempt that was chosen.
-        facts: results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`.
-        comparison: errors against known answers; None if nothing was compared.
-        log: seconds of the stages, skipped stages, refused attempts.
-    """
-
-    reductor: Any
-    level: Any
-    facts: Facts
-    comparison: Comparison | None
-    log: StageLog
+    reductor: Any  # what made the model
+    level: Any  # of the attempt that was chosen
+    facts: Facts  # results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`
+    comparison: Comparison | None  # errors against known answers; None if nothing was compared
+    log: StageLog  # seconds of the stages, skipped stages, refused attempts
 
     def __getattr__(self, name: str) -> Any:
         """A fact, by its name."""
@@ -108,50 +94,30 @@ class Record(Generic[Facts]):
 
 
 class Search(Protocol):
-    """A search for a model, as reductors see it.
-
-    Attributes:
-        full: the full model.
-        target: target accuracy: its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no
-            quantity of it can need the stress.
-        family: paths, if answers depend on them; None if queries are points.
-        held_out: answers of checks so far.
-        checked: the same as a set; None before the first check.
-        forces_off: whether contact forces of the last model were less accurate than the target.
-        reads_displacements: whether the target, or an output of the scene, needs displacements.
-        store: keeps solutions of connected components.
-        announce: reports a stage, and raises if the rest of it exceeds the budget.
-        progress: reports a stage.
-        reduced: function of a reductor and a number of training answers that makes its model of about so many.
-    """
+    """A search for a model, as reductors see it."""
 
     full: FullModel
+    # its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no quantity can need the stress
     target: Any
-    family: object
-    held_out: Sequence[object]
-    checked: SnapshotSet | None
-    forces_off: bool
-    reads_displacements: bool
-    store: ArrayStore | None
-    announce: Announce
-    progress: Announce
-    reduced: Callable[[Reductor, int], Any]
+    family: object  # paths, if answers depend on them; None if queries are points
+    held_out: Sequence[object]  # answers of checks so far
+    checked: SnapshotSet | None  # the same as a set; None before the first check
+    forces_off: bool  # contact forces of the last model were less accurate than the target
+    reads_displacements: bool  # the target, or an output of the scene, needs displacements
+    store: ArrayStore | None  # keeps solutions of connected components
+    announce: Announce  # reports a stage, and raises if the rest of it exceeds the budget
+    progress: Announce  # reports a stage
+    reduced: Callable[[Reductor, int], Any]  # makes the model of a reductor of about so many training answers
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A model that a search may try.
-
-    Attributes:
-        method, setting: of its row in the table.
-        make: builds the model.
-        spared: builds a model without bound, if the budget ends while fields or bound are built; None if there is none.
-    """
+    """A model that a search may try, and its row in the table."""
 
     method: str
     setting: str
     make: Callable[[], Any]
-    spared: Callable[[], Any] | None = None
+    spared: Callable[[], Any] | None = None  # makes one without bound, if the budget ends at fields or bound
 
 
 class Reductor(ABC, Generic[Prepared]):
@@ -291,8 +257,9 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         _check_scene(task.full, reductor, model)
         _check_claim(reductor, task, model)
         comparison, trained = reductor.compare(task, model)
-        if trained is None and not reductor.own_range:
-            trained = _range_of(task)
+        known = task.snapshots
+        if trained is None and not (reductor.own_range or known is None or known.histories):
+            trained = TrainedRange.of(known.points, task.full.parameters)
         if isinstance(model, KeptModel) and "trained" in model.kept and trained is not model.trained:
             model = model.changed(trained=trained)
         return model, facts, comparison
@@ -321,18 +288,9 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     return model
 
 
-def _range_of(task: Task) -> TrainedRange | None:
-    """Box around the training points; None for paths, and without a training."""
-    snapshots = task.snapshots
-    return None if snapshots is None or snapshots.histories else TrainedRange.of(snapshots.points, task.full.parameters)
-
-
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
-    problem = full.problem
-    if problem.spread.all_here:
-        return full, *sets
-    return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
+    return full.gathered(), *(None if item is None else item.gathered(full.problem) for item in sets)
 
 
 def compared(
@@ -342,9 +300,7 @@ def compared(
 
     The training range of a model of load paths is known only after it has solved the known paths.
     """
-    full = task.full
-    snapshots = task.snapshots
-    held_out = task.held_out
+    full, snapshots, held_out = task.full, task.snapshots, task.held_out
     if snapshots is None:
         return None, model.trained
     with task.log.stage("validation", task.announce):
@@ -362,9 +318,13 @@ def compared(
         return comparison, model.trained
 
 
+def _name_of(reductor: Any) -> str:
+    return type(getattr(reductor, "given", reductor)).__name__
+
+
 def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
-    name = f"{type(getattr(reductor, 'given', reductor)).__name__} made"
+    name = f"{_name_of(reductor)} made"
     if not isinstance(found, AnsweringModel):
         raise ReductionError(f"{name} {found!r}: it must return a model")
     own = found.parameters.names, found.conditions
@@ -382,10 +342,7 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
 
 
 def _check_claim(reductor: Any, task: Task, model: Any) -> None:
-    """Compare a model that calls itself exact with validation answers, or with fresh ones; see :func:`check_claim`.
-
-    Without validation, a model of load paths is compared with training, if there is any.
-    """
+    """Compare a model that calls itself exact with validation answers, or else with fresh ones; of paths, training."""
     if not model.fields.exact or isinstance(model, FullModel):
         return
     full = task.full
@@ -395,7 +352,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     elif known is None and task.sure:
         known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
     if known is not None:
-        check_claim(type(getattr(reductor, "given", reductor)).__name__, full, model, known)
+        check_claim(_name_of(reductor), full, model, known)
 
 
 def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
@@ -473,3 +430,32 @@ def as_reductor(given: Any) -> Reductor | None:
     if isinstance(given, Reductor):
         return given
     return Given(given) if callable(getattr(given, "reduced", None)) and not isinstance(given, type) else None
+
+
+OWN = (
+    Way("hhr_dolfinx.reduction.exact:ExactCondensation",
+        lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
+    Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: full.problem.reshaped is None),
+)  # fmt: skip
+"""Reductors of the core, by place."""
+
+
+def ways(full: FullModel) -> list[Way]:
+    """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
+    every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
+    return sorted((way for way in every if way.wanted(full)), key=lambda way: not way.condenses)
+
+
+def condensing(full: FullModel) -> type[Reductor]:
+    """The first reductor for a full model that keeps all contact conditions.
+
+    Raises:
+        NotOfferedError: if there is none.
+    """
+    for way in ways(full):
+        if way.condenses:
+            return registry.load(way.place)
+    of_what = "whose stiffness or shape depends on parameters" if full.problem.varies else "as it is"
+    raise NotOfferedError(
+        f"no installed reductor condenses scene '{full.scene.name}', {of_what}: it takes a plug-in that registers one"
+    )

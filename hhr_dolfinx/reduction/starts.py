@@ -30,15 +30,8 @@ def linear_starts(
     """Starts from answers at some points, (S, P), with derivatives; points without an answer are left out.
 
     Without tabulated answers, searches often take a second equality problem: on the pellet 57 of 100 do, and 10 of
-    100 with derivatives.
-
-    Args:
-        eliminated: makes the contact problem of a point.
-        points: (S, P).
-        pairs: number of the contact pair of each condition, (m,).
-        active: statuses to start from there, (S, m) bool; None for those of the free slack.
-        group: processes that share the points.
-        announce: called with the share of the points that are done.
+    100 with derivatives. ``pairs`` are those of the conditions, (m,); a search starts from ``active``, (S, m) bool, or
+    the signs of the free slack. ``announce`` is called with the share of the points that are done.
 
     Raises:
         ReductionError: if no point has an answer.

@@ -8,8 +8,7 @@ from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.reduction.reductor import Task, made
-from hhr_dolfinx.reduction.reductors import condensing
+from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.scene import Scene
 
 

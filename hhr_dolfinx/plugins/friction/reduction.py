@@ -17,9 +17,12 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.friction.fields import FrictionalFields
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.interface import Reduction
+from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid
 from hhr_dolfinx.timing import StageLog
 
+FORCES = 1e-6
+"""Part of the squared training forces that their modes leave out."""
 CALIBRATED = 0.95
 """Part of the training increments whose error lies below the indicator of forces."""
 SMALL_FORCE = 1e-3
@@ -74,7 +77,7 @@ def complete_forces(draft: Draft) -> None:
     """Reconstruction of forces and slip outside of the RID."""
     shared = draft.shared
     with shared.log.stage("reconstruction", shared.task.announce):
-        modes = shared.completion.force_modes
+        modes = shared.once("modes of forces", lambda: pod(shared.snapshots.forces, FORCES)[0])
         fitted = FrictionalFields.fitted(shared.full.problem, draft.sets.A_lambda, modes)
         draft.fields = replace(draft.fields, interface=fitted)
 

@@ -24,8 +24,7 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
 from hhr_dolfinx.plugins.greedy.restriction import Restriction, restricted
-from hhr_dolfinx.reduction.reductor import Task, made
-from hhr_dolfinx.reduction.reductors import condensing
+from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:

@@ -30,12 +30,11 @@ from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, Condense
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
-from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, states_of
+from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group
-from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog

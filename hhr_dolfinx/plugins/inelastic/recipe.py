@@ -10,18 +10,15 @@ import numpy as np
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
-from hhr_dolfinx.reduction.recipe import (
-    Deim,
-    Enrich,
-    ForceDeim,
-    LoadNodes,
-    Pod,
-    Recipe,
-    Rid,
-    Truncated,
-    nodes_of_values,
-)
+from hhr_dolfinx.reduction.modes import deim, pod
+from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid, Truncated
 from hhr_dolfinx.snapshots.records import SnapshotSet
+
+
+def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
+    picked = deim(pod(values, tolerance)[0])
+    return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
 
 
 @dataclass(frozen=True)

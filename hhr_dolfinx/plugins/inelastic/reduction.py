@@ -17,9 +17,8 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import flowing
-from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, rows_of, state, states_of
+from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, rows_of, state, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
-from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.warn import warn
@@ -165,7 +164,7 @@ class _Comparison:
 
 
 class _Reduction:
-    """See :class:`hhr_dolfinx.reduction.laws.ReducedBodies`."""
+    """See :class:`hhr_dolfinx.reduction.interface.ReducedBodies`."""
 
     fitted = staticmethod(FittedFlow.of)
     checked = staticmethod(checked_histories)

@@ -1,10 +1,12 @@
-"""Stress and memory at Gauss points, and what answers say of them."""
+"""Stress and memory at Gauss points, what answers say of them, and modes of many states."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy import linalg
 
 from hhr_dolfinx.errors import HHRError
 
@@ -73,3 +75,36 @@ def deviator(strain: np.ndarray) -> np.ndarray:
     found = strain.copy()
     found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
     return found
+
+
+SMALL_STATE = 1e-3
+"""Norm of a state, relative to the largest of any, above which it counts in full; smaller states count by their size,
+so that round-off of unloaded bodies does not count."""
+CHUNK = 20_000
+"""Values of each field that are stacked at once."""
+
+
+def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
+    """Orthonormal POD modes of states, (values, modes), each divided by its norm.
+
+    By their sizes, states of little plastic strain, first steps and residual states would be left out compared with
+    those of full loads: on the pellet 36 to 60 % of their plastic strain and stress.
+
+    Args:
+        fields: one for each state, (values,); they may be too long to stack.
+        tolerance: part of the squared sum that the modes leave out; by the method of snapshots, from 1e-14.
+    """
+    sizes = np.array([np.linalg.norm(field) for field in fields])
+    scale = 1 / np.maximum(sizes, SMALL_STATE * sizes.max() or 1.0)
+    parts = [slice(start, start + CHUNK) for start in range(0, fields[0].size, CHUNK)]
+
+    def stacked(part: slice) -> np.ndarray:
+        return np.stack([field[part] for field in fields]) * scale[:, None]
+
+    squares, ways = linalg.eigh(sum(block @ block.T for block in map(stacked, parts)))
+    squares = np.maximum(squares[::-1], 0.0)
+    ways = ways[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    count = max(int(np.argmax(rest < max(tolerance, 1e-14) * rest[0])), 1)
+    chosen = ways[:, :count] / np.sqrt(squares[:count])
+    return np.concatenate([stacked(part).T @ chosen for part in parts])

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
-from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
+from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
@@ -252,7 +252,7 @@ class Solver:
             first: Any = full.store.first
             shared: FreeCholesky = full.group.factors(matrix, dofs, name, low_rank=low_rank, last=last, rows=first.rows)
             return shared
-        how = slice(0, problem.free.size), name, full.block_ordering, full.comm
+        how = slice(0, problem.free.size), name, ordering_of(problem.block_size, "mumps"), full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.reduction.reductor import Proposal
-from hhr_dolfinx.reduction.reductors import ways
+from hhr_dolfinx.reduction.reductor import Proposal, ways
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext

@@ -23,8 +23,7 @@ from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.reductor import Task, everywhere, made
-from hhr_dolfinx.reduction.reductors import condensing
+from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore

@@ -15,9 +15,9 @@ from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.errors import ReductionError, StabilityWarning, UnstableModelError
+from hhr_dolfinx.plugins.inelastic import state as module
 from hhr_dolfinx.plugins.inelastic.project import force_correction
-from hhr_dolfinx.reduction import modes as module
-from hhr_dolfinx.reduction.modes import state_modes
+from hhr_dolfinx.plugins.inelastic.state import state_modes
 from hhr_dolfinx.study.training.train import Training
 
 LOADS = [(1.6, 0.05), (1.2, -0.1), (0.8, 0.1), (1.5, 0.14), (0.4, 0.0)]
