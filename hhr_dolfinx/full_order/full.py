@@ -204,7 +204,6 @@ class FullOrderModel(FullModel):
         """Components of the displacement at a node."""
         return self.problem.block_size
 
-    @property
     def __copy__(self) -> FullOrderModel:
         """Another model with the same factors."""
         model = object.__new__(FullOrderModel)
