@@ -248,7 +248,7 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-def write_companions(full: Any, folder: Path) -> None:
+def write_companions(full: object, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

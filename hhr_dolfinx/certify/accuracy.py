@@ -89,13 +89,14 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
     """
     # some of the largest and some evenly chosen solutions give the scale of all
     count = solutions.displacements.shape[1]
-    norms = problem.spread.norms
-    largest = np.argsort(norms(solutions.displacements))[-10:]
+    rows = problem.spread
+    stiffness = problem.stiffness_of_rows
+    largest = np.argsort(rows.norms(solutions.displacements))[-10:]
     solutions = solutions.take(np.union1d(largest, np.linspace(0, count - 1, min(10, count)).astype(int)))
-    lifts = problem.spread.of(problem.amplitudes.sum_columns(problem.lifts, solutions.points))
+    lifts = rows.of(problem.amplitudes.sum_columns(problem.lifts, solutions.points))
     fields = solutions.displacements + lifts
-    internal = norms(problem.stiffness_of_rows @ fields).max()
-    products = norms(abs(problem.stiffness_of_rows) @ np.abs(fields)).max()
+    internal = rows.norms(stiffness @ fields).max()
+    products = rows.norms(abs(stiffness) @ np.abs(fields)).max()
     return max(ROUND_OFF_FORCE * float(internal), ROUND_OFF * float(products))
 
 

@@ -78,7 +78,7 @@ class PartedAnswers(SeveralAnswers):
         """Combine the answers of each model to its rows, one or more, and the numbers of the models by row."""
         places = [rows for rows, _ in parts]
         points, iterations = (
-            _by_rows(places, [getattr(many, name) for _, many in parts]) for name in ("points", "iterations")
+            _at_places(places, [getattr(many, name) for _, many in parts]) for name in ("points", "iterations")
         )
         status = {row: found for rows, many in parts for row, found in zip(rows.tolist(), many.status, strict=True)}
         return cls(points, model, [status[row] for row in range(len(model))], iterations, tuple(parts))
@@ -106,10 +106,10 @@ class PartedAnswers(SeveralAnswers):
         return {name: self._gathered([outputs[name] for outputs in found]) for name in found[0]}
 
     def _gathered(self, values: list[np.ndarray]) -> np.ndarray:
-        return _by_rows([rows for rows, _ in self.parts], values)
+        return _at_places([rows for rows, _ in self.parts], values)
 
 
-def _by_rows(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+def _at_places(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
     """Values of parts, (k, ...) each, in the order of all rows; each row belongs to one part."""
     return np.concatenate(values)[np.argsort(np.concatenate(places))]
 
