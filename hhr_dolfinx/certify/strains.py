@@ -26,7 +26,7 @@ def check_small_strains(full: FullModel, *sets: Solutions | None) -> None:
     """
     given = [(item.points, item.displacements) for item in sets if item is not None]
     if full.equilibrium is None and given:
-        full.strains.check(*given)
+        full.strains.check(full.problem, *given)
 
 
 def look_at_corners(full: FullModel, model: AnsweringModel) -> None:
@@ -59,4 +59,4 @@ def check_corners(full: FullModel, model: AnsweringModel) -> None:
         points = np.array([answer.parameter for answer in found])
         lifts = problem.amplitudes.sum_columns(problem.lifts, points)
         whole = np.stack([answer.displacement() for answer in found], axis=1)
-        full.strains.check((points, problem.spread.of(whole - lifts)))
+        full.strains.check(full.problem, (points, problem.spread.of(whole - lifts)))

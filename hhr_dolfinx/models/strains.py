@@ -159,8 +159,10 @@ class StrainGuard:
                 warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning, stacklevel=4)
                 return
 
-    def check(self, *sets: tuple[np.ndarray, np.ndarray]) -> None:
-        """Check sets of answers: parameters, (S, P), and local rows of displacements without lifts, (own, S).
+    def check(self, problem: ContactProblem, *sets: tuple[np.ndarray, np.ndarray]) -> None:
+        """Check sets of answers: parameters, (S, P), and rows of displacements without lifts, (own, S), of a problem.
+
+        The problem is that of the guard, or the same with all rows on each process.
 
         Raises:
             ReductionError: if any has strains or rotations beyond any theory of small strains.
@@ -169,19 +171,18 @@ class StrainGuard:
             SmallStrainWarning: if they are large in any, with the parameter.
         """
         every = np.concatenate([points for points, _ in sets])
-        sizes = np.array([size for points, fields in sets for size in self._spreads(points, fields)])
+        sizes = np.array([size for points, fields in sets for size in self._spreads(problem, points, fields)])
         for kind, size in zip(self._kinds, sizes.T, strict=True):
             worst = int(size.argmax())
             if size[worst] <= LARGE:
                 continue
-            message = f"at {self._problem.parameters.described(every[worst])}: {kind.in_words(size[worst])}"
+            message = f"at {problem.parameters.described(every[worst])}: {kind.in_words(size[worst])}"
             if size[worst] > MOST:
                 raise ReductionError(message)
             warn(message, SmallStrainWarning, stacklevel=3)
 
-    def _spreads(self, points: np.ndarray, displacements: np.ndarray) -> Iterator[list[float]]:
+    def _spreads(self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray) -> Iterator[list[float]]:
         """The strain and the rotation that few cells exceed, for each answer."""
-        problem = self._problem
         each = TOGETHER if problem.spread.all_here else 1
         for first in range(0, len(points), each):
             part = slice(first, first + each)
