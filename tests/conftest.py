@@ -37,6 +37,10 @@ NEEDING = {
     "plugins/inelastic/test_varied.py": ("volume_loads",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli", "volume_loads"),
+    "plugins/conformance/test_conformance.py": ("stress", "volume_loads"),
+    "plugins/floating/test_attack_floating.py": ("differences",),
+    "plugins/inelastic/test_condensed_step.py": ("volume_loads",),
+    "plugins/inelastic/test_flow_moduli.py": ("volume_loads",),
     "plugins/shapes/test_shape_outputs.py": ("mortar", "volume_loads"),
 }
 """Files all of whose scenes need plug-ins, or are of scripts that import them."""

@@ -4,4 +4,5 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="theorems",
+    needs=("differences",),
 )
