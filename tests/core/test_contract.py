@@ -30,7 +30,7 @@ QUICK = tuple(contract.there(dict.fromkeys((
 """Kinds whose cases take two seconds together; all of them take two minutes."""
 
 
-ALL = ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding", "tables")
+ALL = ("baselines", "fallback", "floating", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables")
 """Plug-ins that have kinds of models or places."""
 
 

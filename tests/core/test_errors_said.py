@@ -215,7 +215,7 @@ def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     assert without.known_error == "none: the recipe asks for none" and without.known_error in caplog.text
 
 
-@needs("fallback", "moduli")
+@needs("fallback", "floating", "moduli")
 @pytest.mark.filterwarnings("ignore:.*no contact resists and no load drives")
 def test_a_body_that_contact_holds_is_named_by_all_that_is_made_of_it(tmp_path, caplog):
     """Where its modulus is a parameter too; of a constant stiffness there is a bound."""

@@ -85,6 +85,7 @@ def pressed_stack(dim, outputs):
     return stacked(dim, bodies=bodies, hypothesis=hypothesis, parameters=space(p=(0.5, 4.0)), outputs=outputs)
 
 
+@needs("floating")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_uniform_pressure_in_closed_form(dim):
     upwards, middle = np.eye(dim)[dim - 1], np.full(dim, 0.5)
@@ -131,7 +132,7 @@ def test_energy_counts_imposed_displacements(hypothesis):
         assert found.gradient["energy"] == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-6, abs=1e-9)
 
 
-@needs("friction")
+@needs("floating", "friction")
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5)])
 def test_torque_in_closed_form(turn):
     """A uniform pressure on a unit square about its middle: friction times the mean distance to the axis."""
@@ -262,12 +263,14 @@ def test_what_the_model_does_not_have_is_refused(output, message):
         hhr.FullOrderModel(dataclasses.replace(small_pellet(), outputs=(output,)))
 
 
+@needs("floating")
 def test_nodes_of_two_bodies_at_one_place_are_told_apart():
     output = hhr.DisplacementAt("a", (0.0, 1.0), 1)
     with pytest.raises(SceneError, match=r"2 nodes, of bodies \[1, 2\], are equally near .*: name the body, tag="):
         hhr.FullOrderModel(pressed_stack(2, (output,)))
 
 
+@needs("floating")
 def test_nodes_of_the_body_that_is_named_are_told_apart_by_a_place():
     """Halfway between two nodes of one body its name helps nobody, and the place of one of them does."""
     points = hhr.FullOrderModel(pressed_stack(2, ())).problem.points

@@ -163,7 +163,7 @@ def test_rules_of_the_stiffness_have_positive_weights(cell, order):
     assert min(compat.quadrature(cell, degree)[1].min() for degree in degrees) > 0
 
 
-@needs("friction")
+@needs("floating", "friction")
 @pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices):
@@ -266,7 +266,7 @@ def test_wrong_orders_and_answers():
             pressed(2, False, "node to node", order=order)
 
 
-@needs("checks")
+@needs("checks", "floating")
 def test_the_error_of_the_mesh_is_that_of_an_answer_of_its_scene():
     full = hhr.FullOrderModel(pressed(2, False, "node to node"), MPI.COMM_SELF)
     other = hhr.FullOrderModel(pressed(2, False, "node to node", order=1), MPI.COMM_SELF).solve({"p": 0.5})
