@@ -70,13 +70,6 @@ class Surface:
         """Coordinates of the nodes of each facet, (f, k, dim)."""
         return self.points[self.facets]
 
-    def node_normals(self) -> np.ndarray:
-        """Unit outer normals at the nodes, averaged over their facets by size, (n, dim)."""
-        normals = np.zeros_like(self.points)
-        for column in self.facets.T:
-            np.add.at(normals, column, self.outward * self.sizes[:, None])
-        return normalised(normals)
-
     @cached_property
     def corner_normals(self) -> np.ndarray:
         """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface."""

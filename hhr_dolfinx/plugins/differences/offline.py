@@ -63,20 +63,23 @@ def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | No
     Raises:
         BoundError: with the hypothesis that fails.
     """
-    check_hypotheses(full)
     lower, arrays = exact_arrays(full, forces)
     modes, loads = unit_energy(full, lower, basis)
     return ExactDifference(**arrays, modes=modes, loads=loads)
 
 
-def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def exact_arrays(
+    full: FullModel, forces: np.ndarray | None, *, floating: bool = False
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
+
+    Bodies that only contact holds are refused unless ``floating`` is set.
 
     Raises:
         BoundError: with the hypothesis that fails.
     """
     problem = full.problem
-    check_hypotheses(full, floating=True)
+    check_hypotheses(full, floating=floating)
     if problem.varies:
         raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
     schur = (full.schur + full.schur.T) / 2
@@ -216,7 +219,7 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
     Raises:
         BoundError: with the hypothesis that fails.
     """
-    lower, arrays = exact_arrays(full, forces)
+    lower, arrays = exact_arrays(full, forces, floating=True)
     columns, own, onto = columns_of_forces(full, lower, forces, most)
     if full.problem.kernel is not None:
         columns = np.hstack([columns, full.problem.spread.of(full.problem.kernel.motions)])
