@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from contextlib import ContextDecorator
 from threading import Lock
+from typing import Any
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 
 class _OneThread(ContextDecorator):
@@ -14,12 +16,14 @@ class _OneThread(ContextDecorator):
     def __init__(self) -> None:
         self._lock = Lock()
         self._blocks = 0
-        self._limit: threadpool_limits | None = None
+        self._limit: Any = None
+        self._modules = 0
+        self._controller: Any = None
 
     def __enter__(self) -> None:
         with self._lock:
             if not self._blocks:
-                self._limit = threadpool_limits(1)
+                self._limit = self._libraries().limit(limits=1)
             self._blocks += 1
 
     def __exit__(self, *_: object) -> None:
@@ -28,6 +32,16 @@ class _OneThread(ContextDecorator):
             if not self._blocks and self._limit is not None:
                 self._limit.restore_original_limits()
                 self._limit = None
+
+    def _libraries(self) -> Any:
+        """Controller of the libraries in the process: a search takes 6 ms, more than a march of a condensed model.
+
+        It is repeated when modules have been imported since: libraries are loaded with them.
+        """
+        if len(sys.modules) != self._modules:
+            self._modules = len(sys.modules)
+            self._controller = ThreadpoolController()
+        return self._controller
 
 
 one_thread = _OneThread()

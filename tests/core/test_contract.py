@@ -1,6 +1,7 @@
 """One contract: all kinds of models, all verbs, all places; what is refused is refused by name, on the page too."""
 
 import contextlib
+import sys
 import threading
 import warnings
 from pathlib import Path
@@ -221,3 +222,29 @@ def test_blocks_that_overlap_restore_threads_of_blas():
 
     at_once([early, late])
     assert threadpool_info() == before
+
+
+def test_libraries_of_threads_are_sought_again_only_after_an_import(monkeypatch):
+    """A search takes longer than an answer; a library that came with a module must be limited too."""
+    with one_thread:
+        pass
+    searches = []
+    monkeypatch.setattr("hhr_dolfinx.one_thread.ThreadpoolController", lambda: searches.append(1) or _Unlimited())
+    for _ in range(3):
+        with one_thread:
+            pass
+    assert not searches
+    monkeypatch.setitem(sys.modules, "imported_since", object())
+    monkeypatch.setattr(one_thread, "_controller", None)
+    with one_thread:
+        assert searches == [1]
+
+
+class _Unlimited:
+    """A controller without libraries."""
+
+    def limit(self, limits):
+        return self
+
+    def restore_original_limits(self):
+        pass
