@@ -13,7 +13,7 @@ import ast
 import dataclasses
 import inspect
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple, get_args
@@ -78,20 +78,17 @@ def shown(node: ast.expr) -> str:
     return ast.unparse(node)
 
 
-def _alternatives(node: ast.expr) -> Iterator[ast.expr]:
+@cache
+def _alternatives(node: ast.expr) -> tuple[ast.expr, ...]:
     """Members of a union, or the annotation itself."""
     if isinstance(node, ast.BinOp):
-        yield from _alternatives(node.left)
-        yield from _alternatives(node.right)
-    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-        yield from _alternatives(_text(node.value))
-    elif isinstance(node, ast.Subscript) and _name(node.value) in ("Union", "Optional"):
-        for item in _items(node):
-            yield from _alternatives(item)
-        if _name(node.value) == "Optional":
-            yield ast.Constant(None)
-    else:
-        yield node
+        return *_alternatives(node.left), *_alternatives(node.right)
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return _alternatives(_text(node.value))
+    if isinstance(node, ast.Subscript) and _name(node.value) in ("Union", "Optional"):
+        members = tuple(member for item in _items(node) for member in _alternatives(item))
+        return (*members, ast.Constant(None)) if _name(node.value) == "Optional" else members
+    return (node,)
 
 
 def _name(node: ast.expr) -> str:
@@ -135,6 +132,7 @@ def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) 
     return len(items) == len(value) and all(fits(*pair, kinds) for pair in zip(value, items, strict=True))
 
 
+@cache
 def declared_array(node: ast.expr) -> DeclaredArray | None:
     """Kind and sizes that an annotation declares; None without any."""
     for item in _alternatives(node):

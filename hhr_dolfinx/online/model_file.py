@@ -69,23 +69,18 @@ class Kinds(dict[str, type]):
 
     def __init__(self, known: Iterable[type] = ()):
         super().__init__()
+        self._places = registry.named("classes") | PLACES
         for kind in by_name(known).values():
-            if (place := self._place(kind.__name__)) is not None:
-                add_kind(self, registry.load(place))
+            if kind.__name__ in self._places:
+                add_kind(self, registry.load(self._places[kind.__name__]))
             add_kind(self, kind)
 
-    @staticmethod
-    def _place(name: object) -> str | None:
-        return PLACES.get(str(name)) or registry.named("classes").get(str(name))
-
     def __missing__(self, name: str) -> type:
-        if (place := self._place(name)) is None:
-            raise KeyError(name)
-        self[name] = kind = registry.load(place)
+        self[name] = kind = registry.load(self._places[name])
         return kind
 
     def __contains__(self, name: object) -> bool:
-        return super().__contains__(name) or self._place(name) is not None
+        return super().__contains__(name) or name in self._places
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
