@@ -45,6 +45,9 @@ BEARING = 1e-9
 BEARING_OF_GAPS = 1e-12
 """Parts of the largest contact force, and of the force that would close the largest gap, up to which a condition bears
 no force that holds a body: loads balance each other only up to round-off."""
+HELD = 1e-10
+"""Ratio of the squares of the least and the largest effect of motions above which none is without effect: far above the
+square of SINGULAR, so that an SVD, which takes as long as the rest of an answer, would find none either."""
 SINGULAR = 1e-8
 """Relative residual of an equality problem above which it counts as singular."""
 
@@ -87,10 +90,14 @@ class FloatingEqualities:
     def left_open(self, bearing: np.ndarray) -> np.ndarray:
         """Orthonormal motions without effect on some conditions, (r, d)."""
         rows = self.contact_of_motions[bearing] * self._units
+        count = rows.shape[1]
         if not rows.shape[0]:
-            return np.eye(self.contact_of_motions.shape[1])
+            return np.eye(count)
+        sizes = np.linalg.eigvalsh(rows.T @ rows)
+        if sizes[0] > HELD * sizes[-1]:
+            return np.zeros((count, 0))
         # all columns of G are as large as S here; a zero column is a motion without effect on any condition
-        ways = null_space(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), rcond=SINGULAR)
+        ways = null_space(np.vstack([rows, np.zeros((count, count))]), rcond=SINGULAR)
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
