@@ -34,6 +34,11 @@ THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr"
 PAIRINGS = {"node_to_surface": "NodeToSurface", "mortar": "Mortar", "double_pass": "DoublePass"}
 
 
+def VIEW() -> "hhr.View":
+    """Pictures of a study, at the point of the thesis."""
+    return matching.VIEW((POINT,))
+
+
 def scene(pairing: str = "node_to_surface", bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
     """The scene in mm and MPa; the mesh options are those of :func:`geometry.pellet_cladding`."""
     base = matching.scene(bottom, **{"cladding_axial_cells": 76, **mesh_options})
@@ -80,7 +85,7 @@ def main() -> None:
     if study is not None:  # ranks but the first have only trained
         here = errors_at_point(study)
         study.report["point"] = {"P1, h1": POINT, "thesis": THESIS, "here": here}
-        study.write(options.out, options.console, matching.VIEW((POINT,)))
+        study.write(options.out, options.console, VIEW())
         print_beside("errors", {"190 MPa, 5.2 mm": here}, {"190 MPa, 5.2 mm": THESIS}, options.console)
 
 
