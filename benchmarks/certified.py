@@ -70,7 +70,7 @@ def scenes(quick: bool) -> dict[str, Scene]:
                            thesis=False),
     }  # fmt: skip
     if not quick:
-        found["sphere"] = Scene(sphere_on_block.scene(), sphere_on_block.SETTINGS.training)
+        found["sphere"] = Scene(sphere_on_block.scene(), sphere_on_block.TRAINING)
         # on a coarse mesh: each of a thousand shapes is a mesh to assemble
         found["shape"] = Scene(press_fit.scene(**press_fit.QUICK_MESH), hhr.Sobol(96), thesis=False)
     return found

@@ -27,8 +27,12 @@ SURFACE, CLADDING_HEAT = "320 + 3 * q", 300.0
 BOX = {"E1": (150e3, 220e3), "nu1": (0.25, 0.35), "E2": (70e3, 100e3), "nu2": (0.3, 0.4), "q": (10.0, 40.0),
        "P": (5.0, 16.0), "gap": (0.0, 0.03), "alpha": (9e-6, 12e-6)}  # fmt: skip
 MIDDLE = (185e3, 0.3, 85e3, 0.35)
-VIEW = hhr.View(((*MIDDLE, 20.0, 15.0, 0.0, 1e-5), (*MIDDLE, 35.0, 15.0, 0.01, 1.1e-5)), lambda places: places[:, 1],
-                "z [mm]", (0, "u_r [mm]"), "MPa")  # fmt: skip
+POINTS = (*MIDDLE, 20.0, 15.0, 0.0, 1e-5), (*MIDDLE, 35.0, 15.0, 0.01, 1.1e-5)
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of a study."""
+    return hhr.View(POINTS, lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
 
 
 def scene(**mesh_options: Any) -> hhr.Scene:
@@ -74,7 +78,7 @@ def main() -> None:
     settings = hhr.StudySettings(training).adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
 
 
 if __name__ == "__main__":

@@ -30,8 +30,12 @@ NAMES = ("interference", "wall", "crown", "E_hub", "speed")
 LOWER, UPPER = (0.01, 8.0, 0.0, 70e3, 0.0), (0.03, 14.0, 0.02, 210e3, 2000.0)
 UNITS = {"interference": "mm", "wall": "mm", "crown": "mm", "E_hub": "MPa", "speed": "rad/s"}
 RECIPE = hhr.Recipe(basis=hhr.Pod(1e-10, relative=True, by_body=True))
-VIEW = hhr.View(((0.02, 10.0, 0.0, 210e3, 0.0), (0.02, 10.0, 0.015, 100e3, 1500.0)),
-                lambda places: places[:, 2], "z [mm]", (2, "u_z [mm]"), "MPa")  # fmt: skip
+POINTS = (0.02, 10.0, 0.0, 210e3, 0.0), (0.02, 10.0, 0.015, 100e3, 1500.0)
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of a study."""
+    return hhr.View(POINTS, lambda places: places[:, 2], "z [mm]", (2, "u_z [mm]"), "MPa")
 
 
 def scene(**mesh_options: Any) -> hhr.Scene:
@@ -82,12 +86,12 @@ def main() -> None:
     built = scene(**(QUICK_MESH if options.quick else {}))
     study = hhr.study_scene(built, settings, options.out, progress=options.progress)
     if study is not None:
-        point = np.array(VIEW.points[0])
+        point = np.array(POINTS[0])
         answer, problem = study.training.full_order.solve(point), study.training.full_order.problem.at(point)
         middle = problem.contact_points[:, 2] < LENGTH / 4
         pressure = float(answer.forces()[middle].sum() / problem.contact_areas[middle].sum())
         study.report["lame"] = {"pressure": pressure, "long_rings": lame_pressure(point[0], point[1], point[3])}
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
 
 
 if __name__ == "__main__":

@@ -29,9 +29,23 @@ QUICK_MESH = {"sphere_cells": (10, 5), "block_cells": (8, 4), "grading": 2.5}
 COMPACT = {"nodes": (hhr.Deim(), hhr.LoadNodes()), "domain": hhr.Rid(layers=0)}
 SMALLER = [(f"eps {eps:.0e}", hhr.Recipe(hhr.Pod(eps, relative=True), **COMPACT)) for eps in (1e-8, 1e-9)]
 VARIANTS = [("two layers", hhr.Recipe()), *SMALLER]
-SETTINGS = hhr.StudySettings([25, 5], hhr.Recipe(**COMPACT), VARIANTS, naive=False)
-VIEW = hhr.View(((0.21, 60.0),), lambda x: np.hypot(x[:, 0], x[:, 1]), "distance from the pole [mm]", stress="MPa",
-                closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
+TRAINING = [25, 5]
+
+
+def SETTINGS() -> "hhr.StudySettings":
+    """Training and measurements of a study."""
+    return hhr.StudySettings(TRAINING, hhr.Recipe(**COMPACT), VARIANTS, naive=False)
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of a study."""
+    return hhr.View(((0.21, 60.0),), from_pole, "distance from the pole [mm]", stress="MPa",
+                    closed_form=lambda r, quarter: hertz(4 * quarter)[2](r))  # fmt: skip
+
+
+def from_pole(places: np.ndarray) -> np.ndarray:
+    """Distances from the pole, (m,)."""
+    return np.hypot(places[:, 0], places[:, 1])
 
 
 def scene(pairing: Callable[..., Any] | None = None, **mesh_options: Any) -> hhr.Scene:
@@ -62,7 +76,7 @@ def hertz(load: float) -> tuple[float, float, Callable[[np.ndarray], np.ndarray]
 def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
     """Radius, by the second moment 2 a^2 P / 5 of the pressure, and pressures relative to Hertz under the same load."""
     problem, forces = full.problem, full.solve([push, 0.0]).forces()
-    r, pressure = VIEW.position(problem.contact_points), forces / problem.contact_areas
+    r, pressure = from_pole(problem.contact_points), forces / problem.contact_areas
     radius, peak, _ = hertz(4 * forces.sum())
     ours = np.sqrt(2.5 * forces @ r**2 / forces.sum()) / radius, pressure.max() / peak, pressure[r.argmin()] / peak
     return {"push": push, **dict(zip(("radius", "peak", "pole"), (float(x - 1) for x in ours), strict=True))}
@@ -73,14 +87,14 @@ def main() -> None:
     from parts import cli
 
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
-    mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.adapted(seed=options.seed, quick=options.quick)
+    mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS().adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
         nodal = hhr.FullOrderModel(scene(hhr.NodeToSurface, **mesh), MPI.COMM_SELF)
         models = {"mortar": study.training.full_order, "node_to_surface": nodal}
         study.report["hertz"] = [{"pairing": name, **beside_hertz(model, push)}
                                  for name, model in models.items() for push in (0.1, 0.15, 0.25)]  # fmt: skip
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
         cli.print_rows("relative to Hertz", study.report["hertz"], options.console)
 
 

@@ -62,8 +62,14 @@ def from_abaqus() -> hhr.Scene:
     return scene(MESH.with_suffix(".inp"))
 
 
-SETTINGS = hhr.StudySettings(hhr.Sobol(256), queries=200)
-VIEW = hhr.View(points=((0.9, 0.1),), deformed=True)
+def SETTINGS() -> "hhr.StudySettings":
+    """Training of `hhr train` and measurements of `hhr study`."""
+    return hhr.StudySettings(hhr.Sobol(256), queries=200)
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of `hhr study`."""
+    return hhr.View(points=((0.9, 0.1),), deformed=True)
 
 
 def main() -> None:
@@ -71,11 +77,11 @@ def main() -> None:
     from parts import cli
 
     options = cli.parse(cli.demo_parser("your_scene", __doc__))
-    built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)
+    built, settings = scene(), SETTINGS().adapted(seed=options.seed, quick=options.quick)
     points = built.parameters.random(20 if options.quick else 200, seed=options.seed + 7)
     study = hhr.study_scene(built, settings, options.out, points=points, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
 
 
 if __name__ == "__main__":

@@ -41,9 +41,7 @@ PUBLIC = {
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",
     "snapshots.store": "SnapshotStore",
     "study.condensing": "condense",
-    "study.settings": "StudySettings",
     "study.training.train": "train",
-    "study.view": "View",
     "units": "Units",
     "version": "__version__",
 }

@@ -69,9 +69,11 @@ from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
 from .plugins.stress.outputs import VonMises as VonMises
+from .plugins.studies.settings import StudySettings as StudySettings
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study
 from .plugins.studies.study import study_scene as study_scene
+from .plugins.studies.view import View as View
 from .plugins.tables.batch import answer_points as answer_points
 from .plugins.tables.frames import to_pandas as to_pandas
 from .plugins.tables.frames import to_xarray as to_xarray
@@ -104,8 +106,6 @@ from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
-from .study.settings import StudySettings as StudySettings
 from .study.training.train import train as train
-from .study.view import View as View
 from .units import Units as Units
 from .version import __version__ as __version__

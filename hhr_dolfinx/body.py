@@ -110,11 +110,6 @@ class Body:
         """True if the elasticity depends on parameters."""
         return isinstance(self.young, str) or isinstance(self.poisson, str)
 
-    @property
-    def uneven(self) -> bool:
-        """True if more of the elasticity than a common factor depends on parameters or on position."""
-        return isinstance(self.poisson, str) or self.grading is not None
-
     def limits(self, names: tuple[str, ...]) -> tuple[Limits, ...]:
         """Elastic constants that are formulas, bound to the names of the parameters."""
         return tuple(Limits(name, text, names) for name in RANGES if isinstance(text := getattr(self, name), str))

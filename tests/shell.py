@@ -11,11 +11,16 @@ from click.testing import CliRunner
 from hhr_dolfinx.command.main import hhr as command
 
 DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
+SPRING = "your_scene:scene"
+"""Its scene, without its settings of studies."""
 PROGRAM = ["-m", "hhr_dolfinx.command.main"]
 POINT = {"travel": 0.5, "lowered": 0.1}
 AT = ["--at", "travel=0.5,lowered=0.1"]
-TRAIN = ["train", DEMO, "--sobol", "12"]
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {"OMP_NUM_THREADS": "1"}
+TRAIN = ["train", SPRING, "--sobol", "12"]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {
+    "OMP_NUM_THREADS": "1",
+    "PYTHONPATH": os.pathsep.join(filter(None, [str(Path(DEMO).parent), os.environ.get("PYTHONPATH")])),
+}
 
 
 def invoke(*words):

@@ -25,9 +25,16 @@ from hhr_dolfinx.geometries import hertz_half_discs as geometry
 THESIS = hhr.Recipe.thesis(1e-8)
 """The thesis' own recipe: it needs no enrichment here."""
 SIZES = [(f"eps {eps:.0e}", hhr.Recipe.thesis(eps)) for eps in (1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10)]
-SETTINGS = hhr.StudySettings([31], variants=SIZES, models={"thesis": THESIS}, queries=400)
-VIEW = hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), label="x [m]", deformed=True)
-"""None is a training value."""
+
+
+def SETTINGS() -> "hhr.StudySettings":
+    """Training and measurements of a study."""
+    return hhr.StudySettings([31], variants=SIZES, models={"thesis": THESIS}, queries=400)
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of a study; no point is a training value."""
+    return hhr.View(points=((0.168,), (0.255,), (0.435,), (0.345,)), label="x [m]", deformed=True)
 
 
 def scene(**mesh_options: Any) -> hhr.Scene:
@@ -55,11 +62,11 @@ def main() -> None:
     from parts import cli
 
     options = cli.parse(cli.demo_parser("hertz_half_discs", __doc__))
-    built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)
+    built, settings = scene(), SETTINGS().adapted(seed=options.seed, quick=options.quick)
     points = built.parameters.grid([11 if options.quick else 101])
     study = hhr.study_scene(built, settings, options.out, points=points, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
 
 
 if __name__ == "__main__":

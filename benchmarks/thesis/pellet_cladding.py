@@ -22,7 +22,11 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 
 GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
-VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
+
+
+def VIEW(points: tuple = ((30.0, 5.25), (170.0, 3.2))) -> "hhr.View":
+    """Pictures of a study."""
+    return hhr.View(points, lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
 
 
 def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
@@ -75,7 +79,7 @@ def main() -> None:
         rivals = list(comparison.rivals(training, scene, options.quick))
         study = hhr.run_study(training, settings, rivals=rivals, progress=options.progress)
         study.report["thesis_size"] = comparison.thesis_size(study)
-        study.write(folder, options.console, VIEW)
+        study.write(folder, options.console, VIEW())
         comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
             from pellet_cladding_tables import thesis_tables

@@ -107,7 +107,7 @@ def main() -> None:
     study = hhr.study_scene(built, settings, options.out, progress=options.progress)
     if options.paths:
         try_paths(study, options)
-    study.write(options.out, options.console, VIEW)
+    study.write(options.out, options.console, VIEW())
     if options.family:
         print_family(study, options)
         return

@@ -27,8 +27,11 @@ LOWER, UPPER = (5.0, 0.6, 100e3, 0.2, 60e3, 0.25), (200.0, 6.0, 250e3, 0.4, 100e
 RECIPE = hhr.Recipe(basis=hhr.Pod(1e-10, relative=True, by_body=True))
 VARIANTS = [("one basis for both", hhr.Recipe(basis=hhr.Pod(1e-10, relative=True))),
             ("larger", hhr.Recipe(basis=hhr.Pod(1e-11, relative=True, by_body=True)))]  # fmt: skip
-VIEW = hhr.View(((30.0, 5.25, 190e3, 0.3, 78e3, 0.34), (170.0, 3.2, 110e3, 0.22, 95e3, 0.39)),
-                lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")  # fmt: skip
+
+
+def VIEW() -> "hhr.View":
+    """Pictures of a study."""
+    return base.VIEW(((30.0, 5.25, 190e3, 0.3, 78e3, 0.34), (170.0, 3.2, 110e3, 0.22, 95e3, 0.39)))
 
 
 def scene(**mesh_options: Any) -> hhr.Scene:
@@ -54,7 +57,7 @@ def main() -> None:
     settings = settings.adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
     if study is not None:
-        study.write(options.out, options.console, VIEW)
+        study.write(options.out, options.console, VIEW())
 
 
 if __name__ == "__main__":

@@ -181,11 +181,3 @@ def residuals_of(full: FullModel, answer: Answer) -> Residuals:
     forces = answer.forces()
     opened = problem.law.opened(answer.memory)
     return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta, opened)
-
-
-def largest_motion(full: FullModel, training: Solutions) -> float:
-    """Largest gap or relative motion of contact surfaces in training."""
-    problem = full.problem
-    gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
-    motion = problem.contact_rows_times(training.displacements)
-    return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -91,11 +91,6 @@ class Stability:
     def distortion(self) -> float:
         """Factor by which restricting the domain to the RID increases the condition number of the stiffness."""
         return self.cond_K / self.cond_whole
-
-    def as_report(self) -> dict:
-        """The ``stability`` part of a report; its top-level constants are the Euclidean ones."""
-        report = asdict(self)
-        return {**report, **report["euclidean"]}
 
 
 @dataclass(frozen=True)

@@ -89,12 +89,11 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if in_file:
         answer = model.solve(point, **step)
     else:
-        from hhr_dolfinx.certify.strains import check_small_strains
         from hhr_dolfinx.snapshots.records import SnapshotSet
 
         with model.strains.paused():
             answer = model.solve(point, **step)
-        check_small_strains(model, SnapshotSet.of_answers([answer]))
+        model.strains.check(model, SnapshotSet.of_answers([answer]))
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
     if model.fields.functionals is not None:

@@ -46,6 +46,11 @@ def beside(name: str, attribute: str) -> Any:
         return None
 
 
+def value_of(found: Any) -> Any:
+    """Value of an attribute of a file, which may be a function without arguments that makes it."""
+    return found() if inspect.isfunction(found) else found
+
+
 def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
     """A point from ``name=value`` words, one or several in each, separated by commas; ParameterError for wrong ones.
 

@@ -13,7 +13,6 @@ from hhr_dolfinx.group import group_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.settings import StudySettings
 
 with extra("study", "the command hhr"):
     import click
@@ -118,19 +117,28 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
         )
 
 
-def settings_of(scene: str) -> StudySettings | None:
-    """The ``SETTINGS`` in the file of a scene, or None."""
-    from hhr_dolfinx.command.loading import beside
-    from hhr_dolfinx.errors import SceneError
-    from hhr_dolfinx.study.settings import StudySettings
+def settings_of(scene: str) -> Any:
+    """The ``SETTINGS`` in the file of a scene, of the class that a plug-in has, or None.
 
-    settings = beside(scene, "SETTINGS")
-    if settings is not None and not isinstance(settings, StudySettings):
+    Raises:
+        NotOfferedError: if there are some, and no plug-in has the class.
+        SceneError: if they are of another class.
+    """
+    from hhr_dolfinx.command.loading import beside, value_of
+    from hhr_dolfinx.errors import NotOfferedError, SceneError
+
+    found = beside(scene, "SETTINGS")
+    if found is None:
+        return None
+    if (kind := registry.offered("settings")) is None:
+        raise NotOfferedError(f"SETTINGS beside {scene} needs the plug-in 'studies', which is not installed")
+    settings = value_of(found)
+    if not isinstance(settings, kind):
         raise SceneError(f"SETTINGS beside {scene} must be hhr.StudySettings, and is {type(settings).__name__}")
     return settings
 
 
-def training_of(how: dict[str, Any], settings: StudySettings | None) -> Any:
+def training_of(how: dict[str, Any], settings: Any) -> Any:
     """Training by the options, or by the scene's file, or by 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 

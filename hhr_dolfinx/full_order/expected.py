@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -47,12 +46,3 @@ def expected_in_space(contact: csr_matrix) -> Expected:
         memory += 24e-9 * last**2
         seconds = LAST * factor_s
     return Expected(memory, seconds, keeps)
-
-
-def free_gigabytes(meminfo: Path = Path("/proc/meminfo")) -> float | None:
-    """Free memory of this machine; None if it is unknown, as on systems other than Linux."""
-    try:
-        lines = dict(line.split(":", 1) for line in meminfo.read_text().splitlines())
-        return 1.024e-6 * float(lines["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError, IndexError):
-        return None

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
@@ -26,10 +27,9 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.full import FullModel, Guard
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
-from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
@@ -106,7 +106,8 @@ class FullOrderModel(FullModel):
                 from hhr_dolfinx.full_order.outputs import functionals_of
 
                 self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
-        self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
+        guard = registry.offered("small_strains") or Guard
+        self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: smaller errors are unknown."""
-CANCELLED = 1e-3
-"""Round-off of fields that cancel, over the round-off of the remainder."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
-    from hhr_dolfinx.models.strains import StrainGuard
     from hhr_dolfinx.parameters import PointLike
 
 
@@ -53,6 +53,29 @@ class NamedScene(Protocol):
         """Name of the scene."""
 
 
+class Guard:
+    """Check that strains in answers of a full model are small, which does nothing here.
+
+    A plug-in derives one, its tool ``small_strains``, made with the problem and whether strains have a hoop component.
+    """
+
+    def __init__(self, problem: ContactProblem, *, axisymmetric: bool):
+        pass
+
+    def paused(self) -> AbstractContextManager[None]:
+        """Suspend the check in a block whose caller checks all answers at once."""
+        return nullcontext()
+
+    def look(self, answer: Answer) -> None:
+        """Check an answer of the full model."""
+
+    def check(self, full: FullModel, *sets: Any) -> None:
+        """Check sets of answers, :class:`~hhr_dolfinx.snapshots.records.SnapshotSet` or None."""
+
+    def corners(self, full: FullModel, model: AnsweringModel) -> None:
+        """Check a model in corners of its parameter range."""
+
+
 class FullModel(AnsweringModel, ModelFields):
     """The full-order model: solves points and paths, completes its own answers, and lends its factors.
 
@@ -66,7 +89,7 @@ class FullModel(AnsweringModel, ModelFields):
         keeps_columns: whether K^-1 B^T has room in memory.
         functionals: outputs of the scene; None if it has none.
         equilibrium: equilibrium of bodies with laws; None if all bodies are elastic.
-        strains: checks that strains in its answers are small.
+        strains: check that strains in its answers are small.
         pairs: conditions by contact pair.
     """
 
@@ -79,7 +102,7 @@ class FullModel(AnsweringModel, ModelFields):
     keeps_columns: bool
     functionals: AllOutputs | None
     equilibrium: FullEquilibrium | None = None
-    strains: StrainGuard
+    strains: Guard
     pairs: Pairs | None
 
     @property

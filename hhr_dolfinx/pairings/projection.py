@@ -1,4 +1,4 @@
-"""Closest points on a surface, and facets that lie near each other: a tree finds candidates, arrays do the rest.
+"""Closest points on a surface: a tree finds candidates, arrays do the rest.
 
 Nothing here needs a mesh, so that reduced models can pair the surfaces of changed shapes.
 """
@@ -37,7 +37,7 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
     parts = []
     for first in range(0, len(points), AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        pairs = _within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
+        pairs = pairs_within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
         parts.append(closest_of(points[some], corners, bound[some], *pairs))
     return ClosestPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -65,20 +65,7 @@ def closest_of(
     return ClosestPoints(facet[best], weights[best], offsets[best])
 
 
-def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the length ``reach``.
-
-    Facets are given by their corners, (f, k, dim) and (g, l, dim).
-    """
-    boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
-    (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
-    half = half + reach + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
-    here, there = _within(cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
-    meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
-    return here[meet], there[meet]
-
-
-def _within(
+def pairs_within(
     centres: cKDTree, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of a point and a centre within the reach of the point, (p,) each, point by point."""

@@ -191,22 +191,7 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
     return ""
 
 
-def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
-
-    Raises:
-        ReductionError: see :func:`build`.
-    """
-    problem = full.problem
-    _check_given(full, snapshots, recipe, None)
-    basis = basis_of(recipe.basis, problem, snapshots)
-    nodes = chosen_nodes(problem, snapshots, recipe, basis)
-    sets = reduced_domain(problem, nodes, recipe.domain.layers)
-    kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
-    return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
-
-
-def _check_given(full, snapshots, recipe, held_out) -> None:
+def check_given(full: FullModel, snapshots: Any, recipe: object, held_out: SnapshotSet | None) -> None:
     """Raise ReductionError for an invalid recipe, and for solutions of another problem."""
     if isinstance(recipe, type):
         raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
@@ -248,7 +233,7 @@ class HyperReduction(Reductor[Offline]):
 
     def check(self, task: Task) -> None:
         """See :func:`build`."""
-        _check_given(task.full, task.snapshots, self.recipe, task.held_out)
+        check_given(task.full, task.snapshots, self.recipe, task.held_out)
 
     def not_by_rows(self, task: Task) -> str:
         """See :func:`not_by_rows`."""

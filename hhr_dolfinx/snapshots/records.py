@@ -10,7 +10,6 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -204,13 +203,6 @@ class SnapshotSet(Shown):
         if self.histories or problem.spread.all_here:
             return self
         return replace(self, displacements=problem.spread.whole(self.displacements))
-
-    @property
-    def steps_of_histories(self) -> list[np.ndarray]:
-        """Numbers, from 0, of the steps of each history that are columns."""
-        ends = np.cumsum([0, *(len(history.answers) for history in self.histories)])
-        columns = np.arange(ends[-1]) if self.columns is None else self.columns
-        return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
 
     def joined(self, others: SnapshotSet) -> SnapshotSet:
         """Append other answers of the same problem.

@@ -1,1 +1,1 @@
-"""Training and condensation of a scene; settings and views that its file may hold."""
+"""Training and condensation of a scene."""

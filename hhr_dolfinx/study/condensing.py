@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from mpi4py import MPI
 
-from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -39,7 +38,7 @@ def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: 
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
     if not full.law.remembers:  # with memory a point takes dozens of increments, and the full model warns
-        look_at_corners(full, model)
+        full.strains.corners(full, model)
     return model
 
 

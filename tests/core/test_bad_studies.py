@@ -66,6 +66,7 @@ def test_a_folder_that_is_a_file(tmp_path, below):
         hhr.study_scene(unbuilt(), hhr.StudySettings([3]), folder)
 
 
+@needs("studies")
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -88,7 +89,7 @@ def test_studies_that_measure_nothing(settings, message):
         hhr.StudySettings(**{"training": [3]} | settings)
     if "seed" in settings:
         with pytest.raises(StudyError, match=message):
-            demo.SETTINGS.adapted(seed=-1, quick=True)
+            demo.SETTINGS().adapted(seed=-1, quick=True)
 
 
 @needs("studies")

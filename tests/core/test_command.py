@@ -18,9 +18,10 @@ import pytest
 from bare import WAIT, python
 from launched import run_program
 from needs import needs, present
-from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, TRAIN, invoke, run
+from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, SPRING, TRAIN, invoke, run
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
 
 pytest.importorskip("click")
 from click.testing import CliRunner
@@ -95,7 +96,7 @@ def test_training_says_each_thing_once(trained):
 
 
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
-    words = [sys.executable, *PROGRAM, "train", DEMO, "--sobol", "128", "--out", str(tmp_path)]
+    words = [sys.executable, *PROGRAM, "train", SPRING, "--sobol", "128", "--out", str(tmp_path)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
     # what runs these tests in the background may ignore Ctrl-C, and those it starts would, too
     started = subprocess.Popen(words, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
@@ -219,10 +220,10 @@ def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
     assert code == 0 and (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
 
 
-@needs("ranks", "tables")
+@needs("ranks", "studies", "tables")
 def test_two_ranks_answer_as_one(trained, tmp_path):
     folder, _ = trained
-    words = [*PROGRAM, *TRAIN, "--out", str(tmp_path / "of two")]
+    words = [*PROGRAM, "train", DEMO, *TRAIN[2:], "--out", str(tmp_path / "of two")]
     found = run_program(2, words)
     assert found.returncode == 0, found.stdout + found.stderr
     assert found.stdout.count("snapshots: ") == 1 and found.stdout.count("model: ") == 1
@@ -303,6 +304,7 @@ FILES = {
     "book.xlsx": "PK", "one.csv": "load\n1\n",
     "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
 }  # fmt: skip
+WRONG_SETTINGS = "must be hhr.StudySettings, and is dict" if present("studies") else "needs the plug-in 'studies'"
 MISTAKES = [
     (2, "Usage: hhr", []),
     (2, "No such command 'solv'", ["solv"]),
@@ -314,7 +316,7 @@ MISTAKES = [
     (3, "the function needs mesh;", ["solve", "needs.py"]),
     (3, "syntax.py, line 2: SyntaxError", ["solve", "syntax.py"]),
     (3, "geometry.py, line 4: ValueError: none", ["solve", "geometry.py", *AT]),
-    (3, "SETTINGS beside settings.py must be hhr.StudySettings, and is dict", ["train", "settings.py"]),
+    (3, f"SETTINGS beside settings.py {WRONG_SETTINGS}", ["train", "settings.py"]),
     (130, "interrupted\n", ["check", "stops.py"]),
     (130, "interrupted: answers that were done are kept", ["train", "stops.py", "--sobol", "4"]),
     (3, "there is no model file no.npz", ["solve", "no.npz", *AT]),
@@ -335,13 +337,13 @@ MISTAKES = [
     (3, "must end in .vtkhdf or .vtu", ["solve", DEMO, *AT, "--out", "a.pvd"]),
     (3, "folder.vtu is a folder", ["solve", DEMO, *AT, "--out", "folder.vtu"]),
     (3, "a file stands where a folder is needed", ["solve", DEMO, *AT, "--out", "file/a.vtu"]),
-    (3, "file is a file", ["train", DEMO, "--out", "file"]),
-    (2, "give one of --grid, --sobol", ["train", DEMO, "--sobol", "4", "--grid", "2,2"]),
+    (3, "file is a file", ["train", SPRING, "--out", "file"]),
+    (2, "give one of --grid, --sobol", ["train", SPRING, "--sobol", "4", "--grid", "2,2"]),
     (2, "--budget belongs to --greedy", ["study", DEMO, "--budget", "4"]),
-    (2, "--grid 4;4 must be counts", ["train", DEMO, "--grid", "4;4"]),
-    (3, "counts [4] of a grid must be 2", ["train", DEMO, "--grid", "4"]),
-    (3, "tolerance = nan", ["train", DEMO, "--greedy", "nan"]),
-    *((2, "is no part: write 3/8", ["train", DEMO, "--part", part]) for part in ("0/3", "4/3", "x", "1/2/3", "1")),
+    (2, "--grid 4;4 must be counts", ["train", SPRING, "--grid", "4;4"]),
+    (3, "counts [4] of a grid must be 2", ["train", SPRING, "--grid", "4"]),
+    (3, "tolerance = nan", ["train", SPRING, "--greedy", "nan"]),
+    *((2, "is no part: write 3/8", ["train", SPRING, "--part", part]) for part in ("0/3", "4/3", "x", "1/2/3", "1")),
     (2, "holds the questions", ["answer", "MODEL", "good.csv", "--out", "good.csv"]),
     (3, "there is no table", ["answer", "MODEL", "no.csv"]),
     (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
@@ -370,6 +372,14 @@ MISTAKES = [
     (3, "file is no folder", ["report", "file"]),
     (2, "there are no pairing: kinds are", ["list", "pairing"]),
 ]
+
+
+@pytest.mark.parametrize("made", ["{'training': 3}", "lambda: hhr.StudySettings([3])"])
+def test_settings_need_the_plug_in_of_studies(made, tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(f"import hhr_dolfinx as hhr\nfrom your_scene import scene\nSETTINGS = {made}\n")
+    monkeypatch.setattr(registry, "offered", lambda word: None)
+    code, output = invoke("train", tmp_path / "mine.py")
+    assert code == 3 and "mine.py needs the plug-in 'studies', which is not installed" in output
 
 
 def contents():

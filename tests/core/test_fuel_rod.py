@@ -67,4 +67,4 @@ def test_condensation(training):
 
 
 def test_the_view_shows_contact(training):
-    assert all(training.full_order.solve(point).active.any() for point in demo.VIEW.points)
+    assert all(training.full_order.solve(point).active.any() for point in demo.POINTS)

@@ -230,7 +230,7 @@ UNNEEDED_BY_FLOW["what only elastic scenes are compared with"] = ELASTIC_ALONE
 
 ELASTIC = """
 import hertz_half_discs as demo
-scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS.adapted(seed=1, quick=True)
+scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS().adapted(seed=1, quick=True)
 """
 FLOWING = """
 import pellet_cladding_plastic as demo

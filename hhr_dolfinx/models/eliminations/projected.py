@@ -39,10 +39,6 @@ class ReducedTerms:
         """Weights of the parts at a point, (Q,)."""
         return np.array([modulus.value(point) for modulus in self.moduli])
 
-    def many_weights(self, points: np.ndarray) -> np.ndarray:
-        """Weights at many points, (n, P): (n, Q)."""
-        return np.stack([modulus.values(points) for modulus in self.moduli], axis=1)
-
 
 @dataclass(frozen=True)
 class ReducedProblem:

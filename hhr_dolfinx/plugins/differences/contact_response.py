@@ -17,6 +17,9 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set, 
 from hhr_dolfinx.linear.dense import LapackCholesky
 from hhr_dolfinx.plain import Rebuilt
 
+CANCELLED = 1e-3
+"""Round-off of fields that cancel, over the round-off of the remainder."""
+
 
 class Outside(NamedTuple):
     """Partition of the contact conditions into given and free ones (k and m - k of m conditions).

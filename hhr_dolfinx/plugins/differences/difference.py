@@ -24,10 +24,10 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
+from hhr_dolfinx.models.bound import ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
-from hhr_dolfinx.plugins.differences.contact_response import ContactResponse, Outside
+from hhr_dolfinx.plugins.differences.contact_response import CANCELLED, ContactResponse, Outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bound import CANCELLED, ROUND_OFF
+from hhr_dolfinx.models.bound import ROUND_OFF
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
+from hhr_dolfinx.plugins.differences.contact_response import CANCELLED
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer

@@ -25,6 +25,7 @@ def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
+    needs=("small_strains",),
     public={f"{_HERE}.laws": "Norton Plasticity", f"{_HERE}.recipe": "FlowDeim StressDeim"},
     parts={
         "laws": {"Plasticity": f"{_HERE}.laws:Plasticity", "Norton": f"{_HERE}.laws:Norton"},

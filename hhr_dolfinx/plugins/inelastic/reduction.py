@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import Residuals, Solutions, contact_residuals, slack_residuals
-from hhr_dolfinx.certify.compare import Comparison, largest_motion
+from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import OF_A_RID, TRAINED, TrustLimits, compared_histories
 from hhr_dolfinx.errors import HHRError, ReductionError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
@@ -72,7 +72,7 @@ def checked_histories(
     if not signs:  # without limits all paths may have failed
         return None, None
     paths = [history.path for history in snapshots.histories]
-    known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
+    known = Known(signs, [_onset(model, path) for path in paths], _largest_motion(full, snapshots))
     trained = TrainedPaths.of(paths, full.parameters, known, equilibrium_of(full).material.rated)
     if limits is not None:
         check_door(trained, limits)
@@ -186,3 +186,11 @@ class _Reduction:
 
 REDUCTION = _Reduction()
 COMPARISON = _Comparison()
+
+
+def _largest_motion(full: FullModel, training: Solutions) -> float:
+    """Largest gap or relative motion of contact surfaces in training."""
+    problem = full.problem
+    gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
+    motion = problem.contact_rows_times(training.displacements)
+    return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

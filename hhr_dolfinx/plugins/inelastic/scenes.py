@@ -11,10 +11,15 @@ if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
 
 
+def _uneven(body: Body) -> bool:
+    """True if more of the elasticity than a common factor depends on parameters or on position."""
+    return isinstance(body.poisson, str) or body.grading is not None
+
+
 class _LawsOfScenes:
     def check_body(self, body: Body) -> None:
         """Raise SceneError for elasticity that varies in space, or a ratio that is a formula."""
-        if body.uneven:
+        if _uneven(body):
             raise SceneError(
                 f"body {body.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
                 "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
@@ -23,7 +28,7 @@ class _LawsOfScenes:
 
     def check_scene(self, scene: Any) -> None:
         """Raise SceneError for other bodies of such elasticity, and for shapes."""
-        others = [body.tag for body in scene.bodies if body.uneven]
+        others = [body.tag for body in scene.bodies if _uneven(body)]
         if others:
             raise SceneError(
                 f"bodies of scene '{scene.name}' flow, and Poisson's ratio of bodies {others} depends on parameters, "

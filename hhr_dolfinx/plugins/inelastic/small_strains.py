@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hhr_dolfinx.errors import SmallStrainWarning
-from hhr_dolfinx.models.strains import LARGE, MOST, large_strain, spread_strain
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, large_strain, spread_strain
 from hhr_dolfinx.warn import warn
 
 RUNAWAY = 100.0

@@ -24,8 +24,10 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
-from hhr_dolfinx.reduction.build import build, sizes
-from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.build import build, check_given
+from hhr_dolfinx.reduction.enrichment import enrich
+from hhr_dolfinx.reduction.projection import reduced_domain
+from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.counts import check_counts
@@ -320,3 +322,18 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
     # e / (|λ| - e) where that is less than e / floor
     errors = np.fmin(found.dual_relative, found.dual / floor if floor > 0 else np.inf)
     return np.where(answered, errors, np.inf)
+
+
+def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
+    """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
+
+    Raises:
+        ReductionError: see :func:`build`.
+    """
+    problem = full.problem
+    check_given(full, snapshots, recipe, None)
+    basis = basis_of(recipe.basis, problem, snapshots)
+    nodes = chosen_nodes(problem, snapshots, recipe, basis)
+    sets = reduced_domain(problem, nodes, recipe.domain.layers)
+    kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
+    return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size

@@ -18,11 +18,11 @@ from hhr_dolfinx.plugins.local.clustered import (
     force_errors,
     least_forces,
     moving,
+    sizes,
     sizes_of,
     together,
 )
 from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels, halves_of
-from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots

@@ -11,6 +11,7 @@ from scipy.linalg.lapack import dgetrs
 
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.block import Block, BlockElimination, factored
+from hhr_dolfinx.models.eliminations.projected import ReducedTerms
 
 SYMMETRIC = 1e-10
 """Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
@@ -38,7 +39,7 @@ class KnownForces(BlockElimination):
         if None in self._diagonal:
             return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
         theta = dense(self.amplitudes.of_many(points))
-        weights = self._terms.many_weights(points)
+        weights = many_weights(self._terms, points)
         loads = theta @ self._forces.T
         if self._lifts is not None:
             for part, lift in zip(weights.T, self._lifts, strict=True):
@@ -93,3 +94,8 @@ class DiagonalBlock:
     def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
         """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
+
+
+def many_weights(terms: ReducedTerms, points: np.ndarray) -> np.ndarray:
+    """Weights of the parts of K~ at many points, (n, P): (n, Q)."""
+    return np.stack([modulus.values(points) for modulus in terms.moduli], axis=1)

@@ -35,6 +35,7 @@ from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, ManyContacts
+from hhr_dolfinx.plugins.moduli.known_forces import many_weights
 from hhr_dolfinx.plugins.moduli.least_response import LeastResponse, ManyResponses
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ class VaryingBound(Rebuilt):
         if whole.terms is None:
             energies = np.sum(unknown @ whole.stiffness * unknown, axis=1)
             return energies, np.sum(theta @ whole.loads.T * unknown, axis=1), unknown @ whole.contact_trial.T
-        weights = whole.terms.many_weights(points)
+        weights = many_weights(whole.terms, points)
         energies = np.zeros(len(points))
         for block in self._blocks:
             own = unknown[:, block.modes]

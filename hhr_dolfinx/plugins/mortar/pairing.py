@@ -20,7 +20,7 @@ from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import opposed
-from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
+from hhr_dolfinx.pairings.projection import ROUND_OFF, pairs_within
 from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
@@ -109,7 +109,7 @@ class Mortar:
             directions = slave.outward
             cosine = FACING
             reach = 3.0 * cKDTree(master.points).query(slave.points)[0].max()
-            pairs = near_pairs(slave.corners, master.corners, reach)
+            pairs = _near_pairs(slave.corners, master.corners, reach)
         else:
             normal = unit(self.normal, dim)
             cosine = GRAZING
@@ -119,7 +119,7 @@ class Mortar:
             directions = np.tile(normal, (len(slave.facets), 1))
             # projected along the normal the surfaces are flat, and facets that face each other overlap
             flat = np.eye(dim) - np.outer(normal, normal)
-            pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
+            pairs = _near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
         every = common_parts(slave, master, directions, *pairs)
         if not every.measures.size:
@@ -243,7 +243,7 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
     """Distance along the normals of some slave facets to the next part of the same body, else infinite, (f,)."""
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
-        here, there = near_pairs(slave.corners[facets], slave.corners, reach)
+        here, there = _near_pairs(slave.corners[facets], slave.corners, reach)
         here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
         alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING
         along = np.einsum("pd,pd->p", (slave.corners[there] - slave.corners[here]).mean(axis=1), slave.outward[here])
@@ -352,3 +352,16 @@ def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, 
     rows.data[np.abs(rows.data) < 1e-14] = 0.0
     rows.eliminate_zeros()
     return rows
+
+
+def _near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the length ``reach``.
+
+    Facets are given by their corners, (f, k, dim) and (g, l, dim).
+    """
+    boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
+    (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
+    half = half + reach + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
+    here, there = pairs_within(cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
+    meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
+    return here[meet], there[meet]

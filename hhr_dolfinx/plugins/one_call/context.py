@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.compare import retraced
-from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import (
     ConvergenceError,
     HHRError,
@@ -249,7 +248,7 @@ class SearchContext:
             return
         self.looked = True
         try:
-            check_small_strains(self.full, _set_of(found))
+            self.full.strains.check(self.full, _set_of(found))
         except ReductionError as error:
             warn(str(error), SmallStrainWarning, stacklevel=3)
         if not any(answer.forces().any() for item in found for answer in steps_of(item)):

@@ -25,7 +25,6 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
     ConvergenceError,
@@ -173,7 +172,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
                     save_model(make_folder(kept) / "model.npz", model)
                     registry.write_companions(context.full, kept)
                     _keep_record(kept, reduction)
-                look_at_corners(context.full, model)
+                context.full.strains.corners(context.full, model)
             finally:
                 context.workers.let_go()
     return found if comm.size == 1 else comm.bcast(found)

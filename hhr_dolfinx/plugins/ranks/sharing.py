@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from mpi4py import MPI
 
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.expected import expected_in_space, free_gigabytes
+from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.group import Group
 from hhr_dolfinx.scene import Scene
 
@@ -32,3 +34,12 @@ def no_room_side_by_side(scene: Scene, group: Group) -> str:
                 why = f"{machine.size} full models of about {needed:.2g} GB have no room in {room:.2g} GB of memory"
     machine.Free()
     return next((item for item in group.gathered(why) if item), "")
+
+
+def free_gigabytes(meminfo: Path = Path("/proc/meminfo")) -> float | None:
+    """Free memory of this machine; None if it is unknown, as on systems other than Linux."""
+    try:
+        lines = dict(line.split(":", 1) for line in meminfo.read_text().splitlines())
+        return 1.024e-6 * float(lines["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError, IndexError):
+        return None

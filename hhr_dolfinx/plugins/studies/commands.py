@@ -26,10 +26,10 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     """Train, then measure errors and times beside the full order and condensation; report, pictures and model."""
     from dataclasses import replace
 
-    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.command.loading import beside, scene_of, value_of
+    from hhr_dolfinx.plugins.studies.settings import StudySettings
     from hhr_dolfinx.plugins.studies.study import study_scene
-    from hhr_dolfinx.study.settings import StudySettings
-    from hhr_dolfinx.study.view import View
+    from hhr_dolfinx.plugins.studies.view import View
 
     console, progress = spoken()
     made = scene_of(scene)
@@ -43,7 +43,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     if found is None:
         return
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
-    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
+    found.write(folder, console, value_of(beside(scene, "VIEW")) or View(points=(middle,)))
     console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
 
 

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.plugins.studies.advice import Advice
     from hhr_dolfinx.plugins.studies.measure import Measurement, Report
+    from hhr_dolfinx.plugins.studies.view import View
     from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training.train import Training
-    from hhr_dolfinx.study.view import View
 
     Progress = Callable[[str], Callable[[Iterable], Iterable]]
 

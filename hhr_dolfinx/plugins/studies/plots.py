@@ -21,7 +21,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.studies.of_laws import study_of
-from hhr_dolfinx.study.view import View
+from hhr_dolfinx.plugins.studies.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

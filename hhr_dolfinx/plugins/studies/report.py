@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.certify.constants import Stability
     from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training.train import Training
@@ -58,9 +60,15 @@ def model_report(model: ReducedModel, row: Row) -> Report:
     """One of the ``models`` of a report: a reduced model, its errors and the seconds of its answers."""
     return {
         "sizes": reduced_sizes(model),
-        "stability": model.offline.stability.as_report(),
+        "stability": _stability(model.offline.stability),
         **errors_and_times(model, row),
     }
+
+
+def _stability(found: Stability) -> Report:
+    """Stability constants; those at the top are the Euclidean ones."""
+    report = asdict(found)
+    return {**report, **report["euclidean"]}
 
 
 def errors_and_times(model: KeptModel, row: Row) -> Report:
@@ -146,7 +154,7 @@ def frame(training: Training, model: KeptModel, seed: int) -> Report:
     }
     if not isinstance(model, ReducedModel):
         return report
-    stability = offline.stability.as_report()
+    stability = _stability(offline.stability)
     if offline.tangent_margin is not None:
         stability["tangent"] = offline.tangent_margin
     report["sizes"] |= reduced_sizes(model) | {"layers": offline.layers}

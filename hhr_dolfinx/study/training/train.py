@@ -13,7 +13,6 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import Group, group_of, share
@@ -177,7 +176,7 @@ def train(
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
             given = group.from_first(given)
             kept = _answered(full, given, group, progress("held out"), store, march, "queries held out")
-    check_small_strains(full, snapshots, kept)
+    full.strains.check(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
     found = max(counts) if full.group.size > 1 else sum(counts)

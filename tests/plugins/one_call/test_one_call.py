@@ -309,6 +309,7 @@ def test_nothing_that_moves_is_named():
             hhr.reduce(still, 0.01, of="forces")
 
 
+@needs("small_strains")
 @pytest.mark.parametrize(("push", "said"), [(0.5, "strain"), (5.0, r"at push = .*: a strain of .*narrow it")])
 def test_large_strains_are_told_of(push, said):
     box = hhr.ParameterSpace(("push", "load"), (0.9 * push, 0.0), (push, 0.1))

@@ -240,7 +240,7 @@ def test_training_and_studies_take_them(tmp_path):
     assert [answer.time for answer in study.model.march(test[0]).answers] == [time for time, _ in test[0][1:]]
 
 
-@needs("inelastic")
+@needs("inelastic", "studies")
 def test_tests_without_names():
     path = pushed(block()).path([0.1, 0.0])
     for given, message in (([path, list(path)], "tests[1] has no name to label it by: give tests={label: path, ...}"),

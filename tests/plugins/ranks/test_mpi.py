@@ -361,8 +361,9 @@ STUDY = """
 import dataclasses, sys
 sys.path[:0] = {folders!r}
 import hertz_half_discs as demo
-demo.SETTINGS = dataclasses.replace(demo.SETTINGS, variants=(), models={{}}, queries=5, naive=False)
-demo.VIEW = None
+settings = dataclasses.replace(demo.SETTINGS(), variants=(), models={{}}, queries=5, naive=False)
+demo.SETTINGS = lambda: settings
+demo.VIEW = lambda: None
 demo.main()
 """
 

@@ -34,11 +34,11 @@ class TwoRanks:
 def test_memory_that_is_left(tmp_path):
     meminfo = tmp_path / "meminfo"
     meminfo.write_text("MemTotal:       24000000 kB\nMemAvailable:   10000000 kB\n")
-    assert expected.free_gigabytes(meminfo) == pytest.approx(10.24)
+    assert sharing.free_gigabytes(meminfo) == pytest.approx(10.24)
     for text in ("MemTotal: 1 kB", "MemAvailable:\n", "rubbish"):
         meminfo.write_text(text)
-        assert expected.free_gigabytes(meminfo) is None
-    assert expected.free_gigabytes(tmp_path / "none") is None
+        assert sharing.free_gigabytes(meminfo) is None
+    assert sharing.free_gigabytes(tmp_path / "none") is None
 
 
 def test_ranks_have_a_model_each_where_there_is_room(monkeypatch):

@@ -1,4 +1,4 @@
-"""Settings of the pictures of a scene, as data, which its file may hold: ``VIEW``."""
+"""Settings of the pictures of a scene, as data, which its file may hold: ``VIEW``, or a function of that name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of a training and of a study as data, which a scene's file may hold: ``SETTINGS``."""
+"""Settings of a training and of a study, which a scene's file may hold: ``SETTINGS``, or a function of that name."""
 
 from __future__ import annotations
 

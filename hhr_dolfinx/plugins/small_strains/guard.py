@@ -1,0 +1,156 @@
+"""Check that strains and rotations in answers of elastic bodies are small."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.models.full import Guard
+from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, StrainKind, spread_strain, strain_kinds
+from hhr_dolfinx.warn import ignored, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
+
+
+CORNERS = 16
+"""Largest number of corners of the box in which strains of a model are checked."""
+GROWN = 1.5
+"""Growth of the squared displacement after which strains of a full model are checked again."""
+TOGETHER = 50
+"""Answers whose strains are computed at once; distributed ones need all values of one on each rank meanwhile."""
+
+
+class StrainGuard(Guard):
+    """Warns of the first answer of a full model with a large strain or rotation, and of the first with an absurd one.
+
+    Answers of elastic bodies are checked if their displacement is larger than that of all before, so that most cost one
+    scalar product.
+
+    Args:
+        problem: the problem that is solved.
+        axisymmetric: whether strains have a hoop component.
+    """
+
+    def __init__(self, problem: ContactProblem, *, axisymmetric: bool):
+        self.limit = LARGE
+        """The strain or rotation above which the next warning is due."""
+        self._problem = problem
+        self._axisymmetric = axisymmetric
+        self._looked = 0.0
+        self._paused = False
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Suspend the check in a block whose caller checks all answers at once."""
+        before, self._paused = self._paused, True
+        try:
+            yield
+        finally:
+            self._paused = before
+
+    @cached_property
+    def _kinds(self) -> tuple[StrainKind, StrainKind]:
+        return strain_kinds(self._problem, axisymmetric=self._axisymmetric)
+
+    def look(self, answer: Answer) -> None:
+        """Check an answer of the full model.
+
+        Warns:
+            SmallStrainWarning: if a strain is above :data:`LARGE`, and once more above :data:`MOST`.
+        """
+        unknown = answer.unknown
+        size = unknown @ unknown
+        if self._paused or not size > GROWN * self._looked:
+            return
+        self._looked = size
+        whole = answer.displacement()[:, None]
+        for kind in self._kinds:
+            size = spread_strain(kind.sizes(whole)[:, 0])
+            if size > self.limit:
+                self.limit = MOST if size <= MOST else np.inf
+                where = self._problem.parameters.described(answer.parameter)
+                warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning, stacklevel=4)
+                return
+
+    def check(self, full: FullModel, *sets: Any) -> None:
+        """Check sets of answers at single parameters.
+
+        The problem of the full model is that of the guard, or the same with all rows on each process. Strains of load
+        paths are checked step by step; their rotations are not.
+
+        Raises:
+            ReductionError: if any has strains or rotations beyond any theory of small strains.
+
+        Warns:
+            SmallStrainWarning: if they are large in any, with the parameter.
+        """
+        given = [item for item in sets if item is not None and len(item.points)]
+        if full.equilibrium is not None or not given:
+            return
+        sizes = [self._spreads(full.problem, item.points, item.displacements) for item in given]
+        self._judge(full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes))
+
+    def corners(self, full: FullModel, model: AnsweringModel) -> None:
+        """Warn of large strains and rotations of a model in corners of its parameter range.
+
+        A model of contact forces alone has no displacement, and is not checked.
+        """
+        try:
+            self.check_corners(full, model)
+        except ReductionError as error:
+            warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning, stacklevel=4)
+        except NotOfferedError:
+            return
+
+    def check_corners(self, full: FullModel, model: AnsweringModel) -> None:
+        """Check a model's answers in corners of the parameter range, where loads are largest, as :meth:`check`."""
+        if full.equilibrium is not None:
+            return
+        problem = full.problem
+        ends = np.array([problem.parameters.lower, problem.parameters.upper], dtype=float)
+        count = 2 ** min(ends.shape[1], 10)
+        numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
+        axes = np.arange(ends.shape[1])
+        corners = np.array([ends[(number >> (axes % 10)) & 1, axes] for number in numbers])
+        with ignored(Warning):  # the user did not request answers in corners
+            many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
+        found = [answer for answer in many if answer.converged]
+        if found:
+            points = np.array([answer.parameter for answer in found])
+            whole = np.stack([answer.displacement() for answer in found], axis=1)
+            self._judge(problem, points, self._sizes(whole))
+
+    def _judge(self, problem: ContactProblem, points: np.ndarray, sizes: np.ndarray) -> None:
+        """Raise and warn by the strains and rotations of answers at points, (S, 2)."""
+        for kind, size in zip(self._kinds, sizes.T, strict=True):
+            worst = int(size.argmax())
+            if size[worst] <= LARGE:
+                continue
+            message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
+            if size[worst] > MOST:
+                raise ReductionError(message)
+            warn(message, SmallStrainWarning, stacklevel=3)
+
+    def _spreads(self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray) -> np.ndarray:
+        """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts, (own, S)."""
+        each = TOGETHER if problem.spread.all_here else 1
+        found = []
+        for first in range(0, len(points), each):
+            part = slice(first, first + each)
+            lifts = problem.amplitudes.sum_columns(problem.lifts, points[part])
+            found.append(self._sizes(problem.spread.whole(displacements[:, part]) + lifts))
+        return np.concatenate(found)
+
+    def _sizes(self, whole: np.ndarray) -> np.ndarray:
+        """The same of displacements, (N, S)."""
+        sizes = [kind.sizes(whole) for kind in self._kinds]
+        return np.array([[spread_strain(size[:, column]) for size in sizes] for column in range(whole.shape[1])])
