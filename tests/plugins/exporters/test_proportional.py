@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from sheared import rubbing
-from test_embedded import BEGUN, DONE, RUBBED, at, built, compiled
+from test_embedded import BEGUN, DONE, STEPPED, at, built, compiled
 from test_pages import ALONG, FRICTION, MODEL, in_node, node
 
 import hhr_dolfinx as hhr
@@ -82,7 +82,7 @@ def test_a_page_cuts_increments_where_python_does(seed):
 @pytest.mark.parametrize("seed", NEAR)
 def test_c_cuts_increments_where_python_does(seed, tmp_path):
     model, _ = random_blocks(seed)
-    made = built(tmp_path, model, RUBBED + BEGUN)
+    made = built(tmp_path, model, STEPPED + BEGUN)
     forces, outputs, point = np.zeros(model.conditions), np.zeros(1), np.array(NEAR[seed])
     assert made.begin(*at(point, forces, outputs)) == DONE
     close(forces, model, point)
