@@ -15,13 +15,13 @@ import contract
 import numpy as np
 import pytest
 import test_moduli
+import test_pages
 from needs import needs
 from shell import invoke
-from test_pages import IMPOSSIBLE, MORE, OF_PELLET, RUBBING, SCENES, check_increment, marked, rubbed, tour_of
+from test_pages import MORE, OF_FRICTION, OF_PELLET, RUBBING, SCENES, check_increment, marked, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
-from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.plugins.exporters import c_header, fmu
 from hhr_dolfinx.plugins.pages.arrays import contact_tree
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
@@ -149,9 +149,9 @@ def test_a_header_has_the_digits_of_python(name, tmp_path):
 def narrow():
     """A model that was trained in the lower half of its box, and a point of the box beyond."""
     model = hhr.condense(contract.blocks())
-    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
-    trained = TrainedRange(tuple(model.parameters.names), lower, (lower + upper) / 2)
-    return model.changed(trained=trained), np.array([upper[0], lower[1]])
+    space = model.parameters
+    lower, middle = np.array(space.lower), np.array(space.middle)
+    return model.changed(trained=TrainedRange(space.names, lower, middle)), np.array([space.upper[0], lower[1]])
 
 
 @compiled
@@ -180,30 +180,17 @@ def test_a_unit_says_which_input_it_refuses(tmp_path):
 
 @compiled
 def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
-    texts = [
-        "a + b - a * b / 3",
-        "-a ** 2 + (-b) ** 2",
-        "sqrt(a) + exp(-b) + log(a) + pi",
-        "a ** b",
-        "sin(a) * cos(b) - tan(a) + tanh(b)",
-        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
-        "min(1, sqrt(a - 1))",
-        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
-    ]
-    scalars = [Scalar(text, ("a", "b")) for text in texts]
-    formulas = [c_header.formula(steps_of(scalar)) for scalar in scalars]
+    formulas = [c_header.formula(steps_of(scalar)) for scalar in test_pages.FORMULAS]
     own = "\n".join(f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas))
     helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
     (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
     subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
     made = ctypes.CDLL(str(tmp_path / "f.so"))
-    for point in np.random.default_rng(0).uniform(0.1, 1.9, (20, 2)):
-        for k, scalar in enumerate(scalars):
-            call = getattr(made, f"f{k}")
-            call.restype = ctypes.c_double
-            with np.errstate(invalid="ignore"):
-                known = pytest.approx(scalar.value(point), rel=1e-13, nan_ok=True)
-            assert call(ctypes.c_void_p(point.ctypes.data)) == known, texts[k]
+    points, exact = test_pages.values_of_formulas()
+    for k, known in enumerate(exact.T):
+        call = getattr(made, f"f{k}")
+        call.restype = ctypes.c_double
+        np.testing.assert_allclose([call(*at(point)) for point in points], known, rtol=1e-13)
 
 
 @needs("tables")
@@ -432,7 +419,7 @@ def increments(folder, model):
 
 @needs("friction")
 @compiled
-@pytest.mark.parametrize("name", RUBBING)
+@pytest.mark.parametrize("name", OF_FRICTION)
 def test_increments_in_c_are_those_of_python(name, tmp_path):
     model, tour = rubbing_model(name)
     made, room = increments(tmp_path, model)
@@ -514,20 +501,11 @@ def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
         np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
         known = [answer.outputs()[output] for output in outputs_of(model)]
         np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
-
-
-@needs("inelastic", "moduli")
-@compiled
-def test_flow_in_c_begins_in_proportion(tmp_path):
-    """In increments of a fortieth of the box."""
-    model, _ = flowing("moduli")
-    made, room = increments(tmp_path, model)
-    point = np.array([0.04, 3.1])
-    assert made.begin(*at(point, *room[:2])) == DONE
-    rest = np.array([model.parameters.lower[0], point[1]])
-    steps = [rest + share * (point - rest) for share in np.linspace(0, 1, 28)]
-    last = marched(model, steps).answers[-1].forces()
-    np.testing.assert_allclose(room[0][0], last, rtol=0, atol=1e-9 * last.max())
+    if name == "moduli":  # and a first load in proportion, in increments of a fortieth of the box
+        rest, point = np.array([model.parameters.lower[0], 3.1]), np.array([0.04, 3.1])
+        assert made.begin(*at(point, forces, told)) == DONE
+        last = marched(model, rest + np.linspace(0, 1, 28)[:, None] * (point - rest)).answers[-1].forces()
+        np.testing.assert_allclose(forces[0], last, rtol=0, atol=1e-9 * last.max())
 
 
 @needs("inelastic", "moduli")
@@ -585,7 +563,7 @@ def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_o
 
 @needs("moduli")
 @compiled
-@IMPOSSIBLE
+@test_pages.IMPOSSIBLE
 def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, tmp_path):
     """As every model in Python; beside the point both answer."""
     model = hhr.condense(test_moduli.scene(*bodies), fields=True)

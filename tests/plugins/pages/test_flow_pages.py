@@ -218,11 +218,6 @@ def test_each_triangle_has_the_stress_of_its_own_cell_where_a_mesh_is_thinned(mo
     assert told["tree"]["strained"] == len(nodes) > len(np.unique(thin.owners))
     kept = np.frombuffer(base64.b64decode(told["arrays"]["stress_cells"]["data"]), dtype="<i4")
     np.testing.assert_array_equal(np.unique(thin.owners)[kept], thin.owners)
-
-
-def test_scenery_of_another_mesh_is_refused():
-    full, model = pair()
-    scenery = hhr.scenery_of(full)
     moved = scenery.nodes.copy()
     moved[:3] = moved[3:6]
     with pytest.raises(NotOfferedError, match="of another mesh"):

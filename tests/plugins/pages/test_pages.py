@@ -26,11 +26,12 @@ from sheared import driven, leaning, lifted, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
+from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.plugins.pages import page
-from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.scenery import thinned
 
@@ -316,21 +317,35 @@ def test_stress_is_left_out_where_it_is_not_that_of_the_displacement_alone(scene
     assert (scenery.strains is not None) is there
 
 
-@in_node
-@pytest.mark.parametrize(
-    "text",
-    ["2 * a ** 2 - b / 4", "-a + sqrt(b) * pi", "max(a, b) + abs(-a)", "table(a, 0, 1, 2, 5, 10, 6)", "tanh(log(b))"],
-)
-def test_formulas_are_worked_off_as_python_does(text):
-    from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.plugins.pages.packing import steps_of
+FORMULAS = [
+    Scalar(text, ("a", "b"))
+    for text in (
+        "a + b - a * b / 3",
+        "-a ** 2 + (-b) ** 2",
+        "sqrt(a) + exp(-b) + log(a) + pi",
+        "a ** b",
+        "sin(a) * cos(b) - tan(a) + tanh(b)",
+        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
+        "min(1, sqrt(a - 1))",
+        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
+    )
+]
 
-    scalar = Scalar(text, ("a", "b"))
+
+def values_of_formulas():
+    """Points, and what Python says there of each."""
+    points = np.random.default_rng(0).uniform(0.1, 1.9, (20, 2))
+    with np.errstate(invalid="ignore"):
+        return points, np.array([[scalar.value(point) for scalar in FORMULAS] for point in points])
+
+
+@in_node
+def test_formulas_are_worked_off_as_python_does():
+    points, exact = values_of_formulas()
     program = "const hhr = require(process.argv[1]), given = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
-    program += "console.log(hhr.formula(given.steps, given.point));"
-    for point in ([1.5, 2.25], [0.25, 9.0]):
-        found = node(program, MODEL, steps=steps_of(scalar), point=point)
-        assert found == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
+    program += "console.log(JSON.stringify(given.points.map((p) => given.steps.map((s) => hhr.formula(s, p)))));"
+    found = node(program, MODEL, steps=[*map(steps_of, FORMULAS)], points=points.tolist())
+    np.testing.assert_allclose(np.array(found, dtype=float), exact, rtol=1e-14)
 
 
 @needs("moduli")
@@ -366,7 +381,10 @@ HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda trained: trained.build(contract.AS_IT_IS), "ReducedModel with CondensedModel does not"),
+        (
+            lambda trained: trained.build(contract.AS_IT_IS),
+            "ReducedModel with CondensedModel does not: condense the scene",
+        ),
         (lambda trained: trained.local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
         pytest.param(HELD_BY_FRICTION, "contact alone holds without friction", marks=needs("friction")),
     ],
@@ -547,6 +565,11 @@ RUBBING = {
     ),
     "Tresca": lambda: rubbing(hhr.Tresca(0.01), geometry=round_block),
     "both sides imposed": lambda: driven(geometry=leaning),
+    "moduli": lambda: rubbing(
+        geometry=round_block,
+        bodies=(hhr.Body(FIRST, "E1", 0.3), hhr.Body(SECOND, "2 * E2", "nu")),
+        box={"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)},
+    ),
     "slave nodes": lambda: rubbing(
         pairing=hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4),
         geometry=round_block,
@@ -566,9 +589,10 @@ def rubbed(name):
 
 
 def tour_of(model):
-    """The tour; in space to and fro aside too, elsewhere with half of what a law asks for."""
-    rest = [0.05 * np.sin(k) for k in range(len(TOUR))] if model.dimension == 3 else [0.5] * len(TOUR)
-    return [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
+    """The tour; in space to and fro aside too, elsewhere in the middle of what laws and moduli ask for."""
+    if model.dimension == 3:
+        return [np.array([*point, 0.05 * np.sin(k)]) for k, point in enumerate(TOUR)]
+    return [np.array([*point, *model.parameters.middle[2:]]) for point in TOUR]
 
 
 def check_increment(found, answer, largest):
@@ -581,11 +605,16 @@ def check_increment(found, answer, largest):
     np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
 
 
+OF_FRICTION = [pytest.param(name, marks=needs("moduli") if name == "moduli" else ()) for name in RUBBING]
+
+
 @needs("friction")
 @in_node
-@pytest.mark.parametrize("name", RUBBING)
+@pytest.mark.parametrize("name", OF_FRICTION)
 def test_increments_with_friction_are_those_of_python(name):
-    _, model, scenery = made(rubbed(name))
+    """Where moduli vary bodies are drawn by a fit of the maps of forces, whose answers it has not seen."""
+    _, model, scenery = made(rubbed(name), fields=True)
+    assert (tree_of(model, scenery)["field"]["kind"] == "fitted") == (name == "moduli")
     tour, points = tour_of(model), model.parameters.random(6, 3)
     given = along(model, scenery, tour, points)
     history = model.march(list(enumerate(tour)))
@@ -607,22 +636,6 @@ def test_increments_with_friction_are_those_of_python(name):
 
 
 @needs("friction", "moduli")
-@in_node
-def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
-    """By a fit of the maps of forces, whose answers it has not seen."""
-    bodies = (hhr.Body(FIRST, "E1", 0.3), hhr.Body(SECOND, "2 * E2", "nu"))
-    box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)}
-    _, model, scenery = made(rubbing(geometry=round_block, bodies=bodies, box=box), fields=True)
-    assert tree_of(model, scenery)["field"]["kind"] == "fitted"
-    tour = [np.array([*point, 3.1, 2.7, 0.23]) for point in TOUR]
-    answers = model.march(list(enumerate(tour))).answers
-    largest = max(np.abs(answer.multipliers).max() for answer in answers)
-    for found, answer in zip(along(model, scenery, tour)["found"], answers, strict=True):
-        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-9 * largest)
-        check_field(found, answer, scenery, least=0.05)
-
-
-@needs("friction", "moduli")
 def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
     """And moduli that name a parameter without changing are those of a constant."""
     bodies = (hhr.Body(FIRST, "3 + 0 * E1", 0.3), hhr.Body(SECOND, "E2", 0.2))
@@ -634,17 +647,6 @@ def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
         assert np.isfinite(value).all()
     nothing = Packed()
     assert pictures_of(model, scenery, nothing, 1000)["field"] is None and not nothing.arrays
-
-
-@needs("friction")
-@in_node
-def test_loading_in_proportion_is_halved_as_often_as_in_python():
-    """Where contacts stick as they close one halving more changes forces by 1e-5."""
-    _, model, scenery = made(in_space(1.0, cells=3))
-    points = model.parameters.random(6, 3)
-    exact = np.array([model.solve(point).multipliers for point in points])
-    found = [item["forces"] for item in along(model, scenery, [model.parameters.lower], points)["loaded"]]
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 @in_node

@@ -68,7 +68,7 @@ class Seen(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.tags, self.addresses, self.texts, self.stack, self.columns = [], [], [], [], {}
+        self.tags, self.addresses, self.texts, self.stack = [], [], [], []
         self.feed(page)
         self.close()
         assert self.stack == []
