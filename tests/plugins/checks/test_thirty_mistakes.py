@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import your_scene
-from dolfinx import mesh as dmesh
 from needs import needs
+from second_order import rings
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
@@ -150,21 +150,6 @@ def without_group(raw: RawMesh) -> RawMesh:
     return replace(raw, bodies={name: cells for name, cells in raw.bodies.items() if not lost & set(cells)})
 
 
-def curved(scene: hhr.Scene) -> hhr.Scene:
-    """A mesh of second order, whose displacement is to be of first."""
-    import basix.ufl
-    from mpi4py import MPI
-
-    def geometry(comm: MPI.Comm) -> tuple:
-        element = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
-        points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]], dtype=float)
-        made = dmesh.create_mesh(comm, cells=np.arange(6)[None], e=element, x=points)
-        tags = [dmesh.meshtags(made, dim, np.array([0], np.int32), np.array([1], np.int32)) for dim in (2, 1)]
-        return made, *tags
-
-    return replace(scene, geometry=geometry, order=1)
-
-
 def pascals_and_megapascals(scene: hhr.Scene) -> hhr.Scene:
     """A modulus in Pa beside others in MPa, where no units are said."""
     return replace(body(0, young=210e9)(scene), units=None)
@@ -281,7 +266,8 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "an empty group": (mesh(without_surface), r"'clamp'.*give the mesh a group of this name"),
     "a body in no group": (lambda scene: replace(mesh(without_group)(scene), bodies=scene.bodies[:2]),
                            r"640 cells have no tag.*Put them into a physical group"),
-    "cells of second order": (curved, r"are of second order, and order = 1: leave it out"),
+    "cells of second order": (lambda scene: replace(rings(0.5, 2), order=1),
+                              r"are of second order, and order = 1: leave it out"),
     "folded cells": (mesh(folded), r"at \[\d.*turned inside out. Mend the mesh there"),
     "a cell without volume": (mesh(flattened), r"cells of the mesh have no volume, e.g. .*mend the mesh there"),
     "a body in two": (mesh(cut_in_two), r"body 'spring' falls apart: 3 of its nodes .*Merge these nodes"),

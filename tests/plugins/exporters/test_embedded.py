@@ -353,14 +353,6 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
     assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
 
 
-BEGUN = """
-int begin(const double *point, double *forces, double *outputs) {
-    press_path *path = press_path_new();
-    const int status = press_begin(path, point, forces, outputs);
-    press_path_free(path);
-    return status;
-}
-"""
 STEPPED = """
 #include "press.h"
 int ask(int count, const double *points, double *forces, double *outputs, double *reached, int *statuses) {
@@ -380,6 +372,12 @@ int ask(int count, const double *points, double *forces, double *outputs, double
         }
 #endif
     }
+    press_path_free(path);
+    return status;
+}
+int begin(const double *point, double *forces, double *outputs) {
+    press_path *path = press_path_new();
+    const int status = press_begin(path, point, forces, outputs);
     press_path_free(path);
     return status;
 }
@@ -414,7 +412,7 @@ def increments(folder, model):
     contacts = model.law.normal.size if model.law.plugin else 0
     reached = (contacts, 3) if contacts else (len(model.flow.parts),)
     room = [np.zeros((9, *shape)) for shape in ((model.conditions,), (len(outputs_of(model)),), reached)]
-    return built(folder, model, STEPPED + BEGUN), [*room, np.zeros((9, contacts), dtype=np.int32)]
+    return built(folder, model, STEPPED), [*room, np.zeros((9, contacts), dtype=np.int32)]
 
 
 @needs("friction")
@@ -516,7 +514,7 @@ def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
     c_header.write_c_header(tmp_path / "press.h", model)
     numbers = ", ".join(repr(value) for value in np.array(path).ravel().tolist())
     count = len(outputs_of(model))
-    text = f"""{STEPPED}{BEGUN}
+    text = f"""{STEPPED}
 int main(void) {{
     static const double points[] = {{{numbers}}};
     static double forces[{len(path) * model.conditions}], outputs[{len(path) * max(count, 1)}];

@@ -195,18 +195,17 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
         (flowing, {"correction": 3}, "correction = 3 of a study must be CorrectionSettings"),
         (flowing, {"points": [[0.05, 0.0]]}, "points must be paths"),
         (elastic, {}, r"bodies of scene 'stacked_blocks' are elastic: tests must be"),
-        (elastic, {"training": [8, 8], "tests": 5, "correction": True}, r"are elastic: leave out the correction"),
+        (elastic, {"training": [8, 8], "tests": 5, "correction": "usual"}, r"are elastic: leave out the correction"),
     ],
 )
 def test_what_is_of_the_other_kind(tmp_path, scene, changes, message):
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
-    changes = dict(changes)
-    how = {"points": changes.pop("points")} if "points" in changes else {}
-    if changes.get("correction") is True:
-        changes["correction"] = CorrectionSettings()
+    points, usual = changes.get("points"), {"correction": CorrectionSettings()}
+    changed = {name: value for name, value in changes.items() if name != "points"}
+    changed |= usual if changes.get("correction") == "usual" else {}
     with pytest.raises(StudyError, match=message):
-        hhr.study_scene(scene(), replace(settings_of_paths(), **changes), tmp_path, **how)
+        hhr.study_scene(scene(), replace(settings_of_paths(), **changed), tmp_path, points=points)
     assert not (tmp_path / "snapshots").exists()
 
 
