@@ -104,10 +104,6 @@ def on_disk(array):
 class _Arrays(pickle.Pickler):
     """Notes arrays as it meets them."""
 
-    def __init__(self):
-        super().__init__(io.BytesIO())
-        self.found = []
-
     def reducer_override(self, value):
         if isinstance(value, np.ndarray):
             self.found.append(value)
@@ -116,6 +112,7 @@ class _Arrays(pickle.Pickler):
 
 def arrays_of(model):
     """All arrays that a copy of a model would hold."""
-    pickler = _Arrays()
+    pickler = _Arrays(io.BytesIO())
+    pickler.found = []
     pickler.dump(model)
     return pickler.found

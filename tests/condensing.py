@@ -74,9 +74,8 @@ def loaded(gap, top=1.0, seconds=1.0, steps=flowing.STEPS, height=0.9):
     return pressures(np.arange(steps + 1) / steps * top, [seconds / steps] * steps, gap, height)
 
 
-INSIDE = [(gap, top, seconds) for gap, top, seconds in zip(
-    (5.0, 15.0, 5.0, 15.0, 10.0, 8.0), (0.6, 1.0, 1.0, 0.6, 0.8, 0.95), (0.7, 0.7, 1.3, 1.3, 1.0, 1.1), strict=True
-)]  # fmt: skip
+INSIDE = (5.0, 0.6, 0.7), (15.0, 1.0, 0.7), (5.0, 1.0, 1.3), (15.0, 0.6, 1.3), (10.0, 0.8, 1.0), (8.0, 0.95, 1.1)
+"""Gaps, largest loads and seconds of the training."""
 
 
 @cache

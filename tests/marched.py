@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -37,12 +38,9 @@ import sys
 missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py", "rich", "matplotlib"]
 sys.modules.update(dict.fromkeys(missing))
 import numpy as np, hhr_dolfinx as hhr
+from marched import flat
 model, path = hhr.load_model(sys.argv[1]), np.load(sys.argv[2])
-answers = model.march(list(zip(path[:, 0], path[:, 1:]))).answers
-parts = [[a.unknown, a.multipliers, a.displacement(), a.forces()] for a in answers]
-if "gauss" in answers[0].memory:
-    parts = [[*part, a.plastic_strain(), a.stress().ravel()] for part, a in zip(parts, answers)]
-np.save(sys.argv[3], np.array([np.concatenate(part) for part in parts]))
+np.save(sys.argv[3], flat(model.march(list(zip(path[:, 0], path[:, 1:])))))
 """
 
 
@@ -50,6 +48,6 @@ def marched_elsewhere(file, path, folder):
     """Answers of a history, flat, by a process in which nothing of the full model can be imported."""
     np.save(folder / "path.npy", np.array([[time, *point] for time, point in path]))
     command = [sys.executable, "-c", MARCH, *(str(name) for name in (file, folder / "path.npy", folder / "out.npy"))]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800, cwd=Path(__file__).parent)
     assert run.returncode == 0, run.stderr[-2000:]
     return np.load(folder / "out.npy")

@@ -34,17 +34,9 @@ def space(**box):
 
 
 def block_scene(name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), young=1.0, poisson=0.3, **others):
-    """A scene of one block, in plane strain unless ``others``, parts of a scene, say otherwise.
+    """A scene of one block, in plane strain unless ``others``, parts of a scene or ``simplices``, say otherwise.
 
-    Args:
-        name: of the scene.
-        box: bounds of its parameters by their names.
-        lower: corner.
-        upper: corner.
-        cells: along each axis.
-        young: modulus.
-        poisson: ratio.
-        others: all else, and ``simplices``.
+    ``box`` has the bounds of its parameters by their names.
     """
     simplices = others.pop("simplices", False)
     given = {

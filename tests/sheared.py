@@ -14,15 +14,16 @@ PATH = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((2.0 + k, (0.03, s)) for k, s i
 
 
 def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.Scene:
-    """A block pressed on another one and sheared."""
+    """A block pressed on another one and sheared; in space aside too if the box has ``aside``."""
     last = dimension - 1
     first, second = (np.zeros(dimension), np.ones(dimension)), (np.zeros(dimension), np.ones(dimension))
     second[0][last], second[1][last] = 1.0, 2.0
     faces = side(FIRST, last, True), side(SECOND, last, False)
     top = side(SECOND, last, True)
     normal = tuple(np.eye(dimension)[last])
-    moved = dict.fromkeys(range(dimension), hhr.Amplitude()) | {0: slope("shear"), last: slope("push", -1.0)}
     box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), **others.pop("box", {})}
+    aside = {1: slope("aside") if "aside" in box else hhr.Amplitude()}
+    moved = {0: slope("shear")} | aside | {last: slope("push", -1.0)}
     n = (cells,) * dimension
     given = {
         "hypothesis": "plane_strain" if dimension == 2 else "solid",
@@ -38,11 +39,12 @@ def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.S
 
 def lifted(comm, lift, cells):
     """The same blocks, of which the upper one is lifted by a function of the place."""
+    low, up = np.zeros(len(cells)), np.eye(len(cells))[-1]
 
     def warp(points, tag):
-        return points + np.outer(lift(*points.T) * (tag == SECOND), (0.0, 1.0))
+        return points + np.outer(lift(*points.T) * (tag == SECOND), up)
 
-    return two_blocks(comm, warp=warp, first=((0, 0), (1, 1), cells), second=((0, 1), (1, 2), cells))
+    return two_blocks(comm, warp=warp, first=(low, low + 1, cells), second=(up, up + 1, cells))
 
 
 def round_block(comm):

@@ -1,11 +1,9 @@
 """The command hhr as tests call it."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
-from bare import WAIT
+from bare import python
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
@@ -33,8 +31,7 @@ def invoke(*words):
 
 def run(*words, cwd=None):
     """A command in a process of its own, whose output is a pipe."""
-    words = [sys.executable, *PROGRAM, *map(str, words)]
-    found = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT, timeout=WAIT)
+    found = python(*PROGRAM, *words, code=None, cwd=cwd, env=ENVIRONMENT)
     for text in (found.stdout, found.stderr):
         assert "\x1b" not in text and "\r" not in text and "Traceback" not in text, text
     return found

@@ -3,6 +3,7 @@
 import importlib
 import tomllib
 from dataclasses import dataclass, fields, replace
+from itertools import count
 from pathlib import Path
 from typing import ClassVar
 
@@ -97,7 +98,7 @@ def crossed(rows):
     return {"matrix": csr_matrix(np.where(upper, matrix[::-1], matrix))}
 
 
-COUNT = iter(range(100))
+COUNT = count()
 PAIRINGS = [
     (PUNCH, lambda rows: {"gap": 2 * rows.gap}, "gap . grows by -2 per unit that surface 121 .* row says -1: correct"),
     (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
@@ -134,14 +135,15 @@ def softening(law, amount, slope, trial, shear, dt):
     return np.maximum(trial - 1, 0) * 1.004 / (3 * shear), np.where(trial > 1, 1.004 / (3 * shear), 0.0)
 
 
+def by_mean(law, amount, slope, trial, *_):
+    return amount * trial.mean() / 1e3, slope * trial.mean() / 1e3
+
+
 CHANGES = {
     "wrong slope": (lambda law, a, slope, *_: (a, 0.3 * slope), "differences give .*: return the derivative"),
     "half way": (lambda law, a, slope, *_: (0.5 * a, 0.5 * slope), "a second return flows on"),
     "by time": (lambda law, a, slope, trial, shear, dt: (a * dt, slope * dt), "depends on dt"),
-    "by mean": (
-        lambda law, a, slope, trial, *_: (a * trial.mean() / 1e3, slope * trial.mean() / 1e3),
-        "depends on other points",
-    ),
+    "by mean": (by_mean, "depends on other points"),
     "always": (lambda law, a, slope, *_: (a + 1e-9, slope), "flows without stress"),
     "back": (lambda law, a, slope, *_: (-a, -slope), "ConvergenceError: .* flows by -"),
     "softening": (softening, r"outside 0 to 1 / \(3 mu\)"),
@@ -162,12 +164,9 @@ def test_broken_laws(name):
 
 @needs("inelastic")
 def test_a_law_that_is_no_plain_data():
-    class Open:
-        def flow(self, *given):
-            return Bingham(1.0, 20.0).flow(*given)
-
+    law = type("Open", (), {"flow": lambda self, *given: Bingham(1.0, 20.0).flow(*given)})
     with pytest.raises(ConformanceError, match=r"Open: FileContentError: .*must be a frozen dataclass"):
-        suite.check_law(Open())
+        suite.check_law(law())
 
 
 @dataclass(frozen=True)
@@ -225,56 +224,41 @@ def test_broken_loads(load, said):
 
 
 @dataclass(frozen=True, eq=False)
-class WrongSlopes(PressureNorm):
-    def slopes(self, state):
-        found = super().slopes(state)
-        return found._replace(forces=2 * found.forces)
+class OddNorm(PressureNorm):
+    """Its value is another function of the one of the norm, and its slopes are as many times those of the norm."""
 
-
-@dataclass(frozen=True, eq=False)
-class Constant(PressureNorm):
-    def value(self, state):
-        return 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Ageing(PressureNorm):
-    age: ClassVar[list] = []
+    changed: ClassVar[object] = staticmethod(lambda value: value)
+    times: ClassVar[float] = 1.0
 
     def value(self, state):
-        self.age.append(1)
-        return super().value(state) * (1 + 1e-3 * len(self.age))
-
-
-@dataclass(frozen=True, eq=False)
-class Hidden(PressureNorm):
-    hidden: ClassVar[float] = 1.0
-
-    def value(self, state):
-        return self.hidden * super().value(state)
+        return self.changed(super().value(state))
 
     def slopes(self, state):
-        found = super(Hidden, replace(self)).slopes(state)  # of the value that is not hidden
-        return found._replace(forces=self.hidden * found.forces)
+        found = super(OddNorm, replace(self)).slopes(state)  # of the value that is not changed
+        return found._replace(forces=self.times * found.forces)
 
 
 @dataclass(frozen=True)
 class Odd(SmoothPeak):
-    kind: type = PressureNorm
+    hidden: object = ()
     called: str = ""
 
     def prepared(self, probe):
         found = super().prepared(probe)
-        made = self.kind(**{name: getattr(found, name) for name in (item.name for item in fields(found))})
-        made.__dict__.update({"name": self.called or self.name} | ({"hidden": 2.0} if self.kind is Hidden else {}))
+        made = OddNorm(**{item.name: getattr(found, item.name) for item in fields(found)})
+        made.__dict__.update({"name": self.called or self.name} | dict(self.hidden))  # in no field
         return made
 
 
+CONSTANT, DOUBLED, AGEING = lambda _: 1.0, lambda value: 2 * value, lambda value: value * (1 + 1e-3 * next(COUNT))
 OUTPUTS = [
-    (Odd("odd", 0, kind=WrongSlopes), "its derivatives are .* and differences of its value give .*: correct `slopes`"),
-    (Odd("odd", 0, kind=Constant), "return a finite number that depends on the answer"),
-    (Odd("odd", 0, kind=Ageing), "a condensed model has other values than the full one"),
-    (Odd("odd", 0, kind=Hidden), "from a file answers otherwise"),
+    (
+        Odd("odd", 0, hidden={"times": 2}),
+        "its derivatives are .* and differences of its value give .*: correct `slopes`",
+    ),
+    (Odd("odd", 0, hidden={"changed": CONSTANT}), "return a finite number that depends on the answer"),
+    (Odd("odd", 0, hidden={"changed": AGEING}), "a condensed model has other values than the full one"),
+    (Odd("odd", 0, hidden={"changed": DOUBLED, "times": 2}), "from a file answers otherwise"),
     (Odd("odd", 0, called="even"), "its functional is even in 'MPa', and the output odd in 'MPa': hand name and unit"),
     (hhr.ContactForce("force", 3, UP), "SceneError: output 'force' names contact 3"),
 ]
@@ -305,10 +289,8 @@ class Forgetful(Parted):
     read = False
 
     def parts(self):
-        if not self.read:
-            self.read = True
-            return super().parts()
-        return None
+        read, self.read = self.read, True
+        return None if read else super().parts()
 
 
 class Leaning(Foundation):
@@ -322,8 +304,7 @@ class Leaning(Foundation):
 class Piling(Foundation):
     def equations(self, point, theta):
         problem, stiffness, loads = super().equations(point, theta)
-        self.times = getattr(self, "times", 0) + 1
-        return problem, stiffness, loads * (1 + 1e-9 * self.times)
+        return problem, stiffness, loads * (1 + 1e-9 * next(COUNT))
 
 
 SYSTEMS = {
@@ -425,20 +406,17 @@ TEMPLATES = Path(__file__).parents[3] / "extension_templates"
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 
-def installed_too(plugin, monkeypatch):
-    every = {**registry.installed(), plugin.name: plugin}
-    monkeypatch.setattr(registry, "installed", lambda: every)
-    for cached in (registry.facet, registry.memories):
-        cached.cache_clear()
-
-
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=needs("inelastic")) if kind == "law" else kind for kind in FOLDERS]
 )
 def test_templates_work_as_they_are(kind, monkeypatch):
     folder = TEMPLATES / kind
     monkeypatch.syspath_prepend(str(folder))
-    installed_too(importlib.import_module(f"my_{kind}").PLUGIN, monkeypatch)
+    own = vars(importlib.import_module(f"my_{kind}"))
+    every = {**registry.installed(), f"my_{kind}": own["PLUGIN"]}
+    monkeypatch.setattr(registry, "installed", lambda: every)
+    for cached in (registry.facet, registry.memories):
+        cached.cache_clear()
     tests = vars(importlib.import_module(f"test_my_{kind}"))
     ran = [test() for name, test in tests.items() if name.startswith("test_")]
     assert ran and "TODO" in (folder / f"my_{kind}.py").read_text()
@@ -448,7 +426,6 @@ def test_templates_work_as_they_are(kind, monkeypatch):
     assert isinstance(plugin, registry.Plugin) and plugin.name == f"my_{kind}"
     places = [place for named in plugin.parts.values() for place in named.values()]
     places += [f"{module}:{name}" for module, name in (*plugin.public.items(), *plugin.classes.items())]
-    own = vars(importlib.import_module(f"my_{kind}"))
     assert places and all(registry.load(place) is own[place.partition(":")[2]] for place in places)
 
 

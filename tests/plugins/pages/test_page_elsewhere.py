@@ -1,4 +1,4 @@
-"""Pages by the command, by threads, and of a full model on several ranks."""
+"""Pages by threads, and of a full model on several ranks."""
 
 import json
 import warnings
@@ -9,17 +9,10 @@ import pytest
 from bare import SCENE_FOLDERS
 from launched import launch
 from needs import needs
-from shell import invoke
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
-
-
-def test_a_hyper_reduced_model_has_no_page(hertz_reduction, tmp_path):
-    hhr.save_model(tmp_path / "hhr.npz", hertz_reduction)
-    code, said = invoke("page", tmp_path / "hhr.npz")
-    assert code == 3 and "condense the scene" in said and "Traceback" not in said
 
 
 @needs("moduli")

@@ -1,10 +1,9 @@
 """What a page shows and does: its scripts in jsdom, beside the numbers of the model in Python."""
 
-import dataclasses
 import json
 import os
 import subprocess
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from bare import WAIT
 from needs import needs
-from test_pages import NODE, drawn_dofs, in_space, known, made, round_blocks_in_space, rubbed
+from test_pages import NODE, drawn_field, in_space, known, made, rubbed
 
 from hhr_dolfinx.plugins.pages import page
 
@@ -24,23 +23,20 @@ WIDE, HIGH = 400, 240
 """Size of all canvases in jsdom."""
 
 
-def has_jsdom():
-    """Whether node is there and finds jsdom."""
-    if NODE is None:
-        return False
-    words = [NODE, "-e", "require.resolve('jsdom')"]
-    return subprocess.run(words, env=os.environ | {"NODE_PATH": PATHS}, capture_output=True).returncode == 0
+def in_jsdom(*words, asked=""):
+    """A run of node that finds jsdom."""
+    env = os.environ | {"NODE_PATH": PATHS}
+    return subprocess.run([NODE, *words], input=asked, capture_output=True, text=True, timeout=WAIT, env=env)
 
 
-pytestmark = pytest.mark.skipif(not has_jsdom(), reason="node or its package jsdom is not there")
+THERE = NODE is not None and in_jsdom("-e", "require.resolve('jsdom')").returncode == 0
+pytestmark = pytest.mark.skipif(not THERE, reason="node or its package jsdom is not there")
 
 
 def shown(text, address, *acts):
     """What a page shows at an address, and after each act of a user: see page_in_jsdom.js."""
     asked = json.dumps({"page": text, "address": address, "acts": acts})
-    words = [NODE, str(Path(__file__).with_name("page_in_jsdom.js"))]
-    env = os.environ | {"NODE_PATH": PATHS}
-    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, env=env)
+    done = in_jsdom(Path(__file__).with_name("page_in_jsdom.js"), asked=asked)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["errors"] == []
@@ -58,12 +54,8 @@ def rows_of(view):
 
 
 def canvas(view, name):
-    """A canvas by its id or the beginning of its label."""
-    (found,) = [
-        item
-        for item in view["canvases"]
-        if item["id"] == name or (not item["id"] and (item["label"] or "").startswith(name))
-    ]
+    """A canvas by its id, or the beginning of its label where it has none."""
+    (found,) = [item for item in view["canvases"] if (item["id"] or item["label"] or "").startswith(name)]
     return found
 
 
@@ -160,15 +152,13 @@ def test_the_mesh_is_drawn_where_it_has_moved():
     """Places of nodes are those of the mesh and as many times of the displacement as the page says."""
     model, scenery, _ = elastic()
     first, _, written, across, stress, still, *_ = views_of_elastic()
-    rows = drawn_dofs(model, scenery)
-    exact = model.solve(START).displacement()[rows].reshape(-1, 2)
+    at = START | {"E1": 4.0, "push": 0.01}
+    exact, there = (drawn_field(model.solve(point), scenery).reshape(-1, 2) for point in (START, at))
     places = np.array(drawn(first, "field", "bufferData")[1][1]).reshape(-1, 3)[:, :2]
     times = float(first["texts"]["times"].split()[0])
     moved = (places - scenery.points) / times
     # drawn by few modes, and times has two digits
     assert np.linalg.norm(moved - exact) < 0.08 * np.linalg.norm(exact)
-    at = START | {"E1": 4.0, "push": 0.01}
-    there = model.solve(at).displacement()[rows].reshape(-1, 2)
     assert float(across["texts"]["most"]) == pytest.approx(there[:, 0].max(), abs=0.03 * np.abs(there).max())
     assert float(written["texts"]["most"]) == pytest.approx(np.linalg.norm(there, axis=1).max(), rel=0.03)
     assert "In the middle of cells" in stress["texts"]["drawnby"] and float(stress["texts"]["least"]) >= 0
@@ -188,8 +178,7 @@ def test_numbers_are_copied_as_a_table():
 @needs("friction")
 def test_a_surface_is_drawn_from_above():
     """A disc for each condition, in the colour of its pressure; a drag turns the mesh."""
-    scene = dataclasses.replace(in_space(0.3), geometry=partial(round_blocks_in_space, cells=3))
-    _, model, scenery = made(scene)
+    _, model, scenery = made(in_space(0.3, cells=3))
     acts = (("drag", "field", (100, 100), (140, 90)), ("key", "field", "ArrowLeft"), ("wheel", "field", -250))
     first, turned, keyed, zoomed = shown(page.page_text(model, scenery), "", *acts)
     answer = model.solve(model.parameters.middle)

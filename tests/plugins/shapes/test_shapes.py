@@ -8,10 +8,8 @@ import pytest
 import scenes
 from bare import SCENE_FOLDERS
 from launched import launch
-from mpi4py import MPI
 from needs import needs
 from scenes import (
-    PAIR_BOX,
     check_alike,
     check_contact_conditions,
     largest_difference,
@@ -28,7 +26,9 @@ from hhr_dolfinx.geometries import block, two_blocks
 
 BODIES = ("E1", 0.3), (4.0, 0.25)
 SPACE = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
-POINT = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002, "E1": 2.0, "crown": 0.025, "tall": 0.9}
+MOVED = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002}
+POINT = MOVED | {"E1": 2.0, "crown": 0.025, "tall": 0.9}
+AT = list(POINT.values())
 CROWNED = hhr.Shape(1, ("x", "1 + (y - 1) * tall - crown * y * (x - 1.5)**2"))
 MESHES = {"plane_strain": {"cells": 4}, "plane_stress": {"cells": 4, "simplices": True, "matching": False}}
 
@@ -59,12 +59,12 @@ def pair(request):
 
 def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
     hypothesis = pair.scene.hypothesis
-    geometry = meshed(pair.scene, [POINT[name] for name in pair.parameters.names]).geometry
+    geometry = meshed(pair.scene, AT).geometry
     numbers = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **MESHES[hypothesis])
     plain = hhr.FullOrderModel(numbers)
-    expected = plain.solve([POINT[name] for name in PAIR_BOX])
+    expected = plain.solve(MOVED)
     assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
-    pair.solve([*[POINT[name] for name in PAIR_BOX], 5.0, 0.0, 1.2])
+    pair.solve([*MOVED.values(), 5.0, 0.0, 1.2])
     found = pair.solve(POINT)
     tolerance = 1e-11 if MESHES[hypothesis].get("simplices") else BY_RULE
     check_like(found, expected, tolerance)
@@ -87,13 +87,12 @@ def test_conditions_keep_their_order_and_the_mesh_its_place(pair):
     assert largest_difference(at_middle.stiffness.toarray(), base.stiffness.toarray()) < 1e-14
     assert np.array_equal(at_middle.points, base.points)
     answer = pair.solve(POINT)
-    assert np.array_equal(answer.stress(), answer.stress())
     assert largest_difference(pair.stress_of(answer.displacement(), POINT), answer.stress()) < 1e-14
 
 
 def test_gradients_are_those_of_differences(pair):
     """Both difference the assembly, with steps of their own."""
-    assert slope_errors(pair, [POINT[name] for name in pair.parameters.names]).max() < 1e-5
+    assert slope_errors(pair, AT).max() < 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +105,8 @@ def training():
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
     check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2)
-    point = [POINT[name] for name in full.parameters.names]
-    assert slope_errors(model, point).max() < 1e-5
-    exact, found = (item.solve(point, gradient=True).gradient for item in (full, model))
+    assert slope_errors(model, AT).max() < 1e-5
+    exact, found = (item.solve(AT, gradient=True).gradient for item in (full, model))
     box = np.subtract(full.parameters.upper, full.parameters.lower)
     assert largest_difference(found.multipliers * box, exact.multipliers * box) < 1e-3
 
@@ -117,7 +115,7 @@ def test_the_store_tells_shapes_apart(tmp_path, pair):
     """Two maps that agree in the middle of the box."""
     other = hhr.Shape(1, ("x", "1 + (y - 1) * (1 + 2 * (tall - 1)) - crown * y * (x - 1.5)**2"))
     moved = hhr.FullOrderModel(dataclasses.replace(pair.scene, shapes=(other,)))
-    point = np.array([[POINT[name] for name in pair.parameters.names]])
+    point = np.array([AT])
     for model in (pair, moved):
         for again in (0, 1):
             store = hhr.SnapshotStore(tmp_path, model)
@@ -143,10 +141,10 @@ def test_a_block_of_any_size_on_an_obstacle():
         total = 1.5 * w * pressure
         assert answer.forces().sum() == pytest.approx(total, rel=1e-11)
         assert answer.stress()[:, 1] == pytest.approx(np.full(16, -pressure), rel=1e-11)
-        slopes = [1.5 * w * 3.0 / (2 * h), total / w, -total / h]
-        assert answer.gradient.multipliers.sum(axis=0)[0] == pytest.approx(slopes[0], rel=1e-9)
+        slopes, found = [1.5 * w * 3.0 / (2 * h), total / w, -total / h], answer.gradient.multipliers.sum(axis=0)
+        assert found[0] == pytest.approx(slopes[0], rel=1e-9)
         if push < 0.1:
-            assert answer.gradient.multipliers.sum(axis=0) == pytest.approx(slopes, rel=1e-8)
+            assert found == pytest.approx(slopes, rel=1e-8)
     assert not model.solve([0.005, 1.0, 1.0]).forces().any()
 
 
@@ -164,9 +162,8 @@ def test_a_contact_surface_that_turns_takes_its_normals_along():
     model = hhr.FullOrderModel(wedge(None))
     for slope in (-0.2, 0.13):
         problem = model.problem.at([0.03, 0.0, 0.0, 0.0, slope])
-        normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
-        slaves = problem.contact.toarray().reshape(len(problem.gaps), -1, 2)[
-            np.arange(len(problem.gaps)), problem.contact_slaves]  # fmt: skip
+        normal, rows = np.array([-slope, 1.0]) / np.hypot(slope, 1.0), np.arange(len(problem.gaps))
+        slaves = problem.contact.toarray().reshape(rows.size, -1, 2)[rows, problem.contact_slaves]
         assert slaves == pytest.approx(np.tile(normal, (len(slaves), 1)), abs=1e-9)
         assert problem.gaps[:, 0] == pytest.approx(0.0, abs=1e-12)
     fixed = hhr.FullOrderModel(wedge((0.0, 1.0))).problem.at([0.03, 0.0, 0.0, 0.0, 0.2])
@@ -220,29 +217,27 @@ def test_bodies_that_share_nodes_move_alike():
     def geometry(comm):
         mesh, cells, facets = block.block(comm, lower=(0.0, 0.0), upper=(1.5, 2.0), cells=(4, 4))
         middles = dmesh.compute_midpoints(mesh, 2, cells.indices)
-        return (
-            mesh,
-            dmesh.meshtags(mesh, 2, cells.indices, np.where(middles[:, 0] < 0.7, 1, 2).astype(np.int32)),
-            facets,
-        )
+        bodies = np.where(middles[:, 0] < 0.7, 1, 2).astype(np.int32)
+        return mesh, dmesh.meshtags(mesh, 2, cells.indices, bodies), facets
 
-    bodies = hhr.Body(1, 3.0, 0.3), hhr.Body(2, 3.0, 0.3)
+    def made(shapes):
+        bodies = hhr.Body(1, 3.0, 0.3), hhr.Body(2, 3.0, 0.3)
+        return hhr.FullOrderModel(tall_block(geometry=geometry, bodies=bodies, shapes=shapes))
+
     together = tuple(hhr.Shape(tag, ("w * x", "h * y")) for tag in (1, 2))
-    model = hhr.FullOrderModel(tall_block(geometry=geometry, bodies=bodies, shapes=together))
-    assert model.solve([0.05, 0.7, 1.6]).forces().sum() == pytest.approx(1.05 * 3.0 * 0.04 / 3.2, rel=1e-11)
+    total = made(together).solve([0.05, 0.7, 1.6]).forces().sum()
+    assert total == pytest.approx(1.05 * 3.0 * 0.04 / 3.2, rel=1e-11)
     apart = together[0], hhr.Shape(2, ("w * x", "y * (2 - h) + 0 * x"))
     # alone it takes the nodes of its neighbour along, as far as that one's cells bear it
     for shapes, said in ((apart, "tears it from its .* must move them alike"), (together[:1], "4 cells inside out")):
         with pytest.raises(SceneError, match=said):
-            hhr.FullOrderModel(tall_block(geometry=geometry, bodies=bodies, shapes=shapes))
+            made(shapes)
 
 
 def test_surfaces_that_stop_facing_each_other_are_told():
     """The upper block slides off as a shape: nodes without a facet, elsewhere than in the middle."""
-    shape = hhr.Shape(2, ("x + off", "y"))
-    surfaces = two_blocks.side(1, 1, True), two_blocks.side(2, 1, False)
-    scene = pressed_pair("plane_strain", ((2.0, 0.3), (4.0, 0.25)), {"off": (-0.6, 0.6)}, cells=4, matching=False,
-                         shapes=(shape,), contacts=(hhr.NodeToSurface(*surfaces, (0.0, 1.0)),))  # fmt: skip
+    shapes, bodies = (hhr.Shape(2, ("x + off", "y")),), ((2.0, 0.3), (4.0, 0.25))
+    scene = pressed_pair("plane_strain", bodies, {"off": (-0.6, 0.6)}, cells=4, matching=False, shapes=shapes)
     model = hhr.FullOrderModel(scene)
     with pytest.raises((ParameterError, SceneError), match=r"Narrow the box|do not face"):
         model.solve([0.03, 0.0, 0.0, 0.0, 0.55])
@@ -252,9 +247,6 @@ def test_what_a_shape_has_no_answer_for_yet(pair):
     with pytest.raises((SceneError, NotSolvableError), match=r"training\.condense\(\)"):
         known = hhr.compute_snapshots(pair, pair.parameters.random(2, 0)).known_statuses()
         hhr.exact_condensation(pair, known)
-    with pytest.raises(ParameterError, match=r"crown = 0\.2 is outside"):
-        pair.solve({**POINT, "crown": 0.2})
-    assert pair.comm.size == MPI.COMM_WORLD.size == 1
 
 
 PROGRAM = """

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -23,9 +23,14 @@ from hhr_dolfinx.plugins.studies.study import run_study
 ROOT = Path(__file__).parents[3]
 
 
+def elastic():
+    """Two blocks, pushed together and aside."""
+    return patch.scene(hhr.NodeToSurface, (3, 2), (4, 3), poisson=0.3)
+
+
 def flowing():
-    """Two blocks, the upper of which yields, pushed together and aside."""
-    base = patch.scene(hhr.NodeToSurface, (3, 2), (4, 3), poisson=0.3)
+    """The same blocks, the upper of which yields."""
+    base = elastic()
     bodies = tuple(replace(body, law=hhr.Plasticity(0.05, 0.5)) if body.tag == 2 else body for body in base.bodies)
     return replace(base, bodies=bodies)
 
@@ -101,12 +106,8 @@ def test_condensed_flow_beside_the_hyper_reduced_model(study):
     assert [item["history"] for item in told["check"]["compared"]] == record.comparison.labels
     assert len(told["refused_before"]) == len(record.log.refused)
     # it has no RID in which to compare
-    assert set(report["errors"]) - set(told["errors"]) == {
-        "dual_rid",
-        "dual_rid_floored",
-        "stress_rr",
-        "plastic_strain",
-    }
+    missing = set(report["errors"]) - set(told["errors"])
+    assert missing == {"dual_rid", "dual_rid_floored", "stress_rr", "plastic_strain"}
     assert report["models"]["hhr"]["errors"] == report["errors"]
     for history, key in ((history, key) for history in report["histories"] for key in told["errors"]):
         assert 0 <= history["condensed"][key] <= told["errors"][key]["max"]
@@ -125,13 +126,13 @@ def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch
     refuse = Mock(side_effect=UnstableModelError("it cannot be trusted"))
     monkeypatch.setattr(type(study.training), "build" if method == "HHR" else "condense", refuse)
     again = run_study(study.training, replace(settings_of_paths(), variants=()))
-    report, other = again.report, "condensed" if method == "HHR" else "HHR"
+    report = again.report
+    other, time, key = ("condensed", "online", "hhr") if method == "HHR" else ("HHR", "condensed", "condensed")
     rows = {row["method"]: row for row in report["work_precision"]}
     assert list(rows) == [other, "fom_best", method] and rows[method]["refused"] == "it cannot be trusted"
     assert {"stage": method, "why": "it cannot be trusted"} in report["skipped"]
-    assert report["times"]["online" if method == "HHR" else "condensed"] is None
-    assert report["ratios"]["fom_best/" + ("online" if method == "HHR" else "condensed")] is None
-    assert report["models"]["hhr" if method == "HHR" else "condensed"] == {"refused": "it cannot be trusted"}
+    assert report["times"][time] is None and report["ratios"][f"fom_best/{time}"] is None
+    assert report["models"][key] == {"refused": "it cannot be trusted"}
     name = "condensed flow" if other == "condensed" else "the hyper-reduced model"
     assert report["advice"].startswith(f"Use {name}: ") and "is refused here: it cannot be trusted" in report["advice"]
     print_report(report, make_console(quiet=True))
@@ -163,17 +164,6 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
 
 
 @needs("inelastic")
-def test_a_correction_where_nothing_flows(tmp_path):
-    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
-
-    settings = hhr.StudySettings([8], correction=CorrectionSettings())
-    with pytest.raises(StudyError, match=r"bodies of scene .* are elastic: leave out the correction"):
-        hhr.study_scene(discs.scene(arc_segments=28, flat_segments=7), settings, tmp_path)
-    with pytest.raises(StudyError, match="correction = 3 of a study must be CorrectionSettings"):
-        hhr.study_scene(flowing(), replace(settings_of_paths(), correction=3), tmp_path)
-
-
-@needs("inelastic")
 def test_both_models_on_paths(study):
     """On a path of the family, and on one never trained, of which both warn."""
     full, models = study.training.full_order, study.measured.models
@@ -201,28 +191,22 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
     ("scene", "changes", "message"),
     [
         (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' have laws: tests = 5 must be paths"),
-        (
-            flowing,
-            {"training": [8, 8]},
-            r"answers of scene 'stacked_blocks' depend on the path .* train on a list of paths",
-        ),
-        (
-            partial(patch.scene, hhr.NodeToSurface),
-            {},
-            r"bodies of scene 'stacked_blocks' are elastic: tests must be",
-        ),
+        (flowing, {"training": [8, 8]}, r"answers of scene 'stacked_blocks' depend on the path .* on a list of paths"),
+        (flowing, {"correction": 3}, "correction = 3 of a study must be CorrectionSettings"),
+        (flowing, {"points": [[0.05, 0.0]]}, "points must be paths"),
+        (elastic, {}, r"bodies of scene 'stacked_blocks' are elastic: tests must be"),
+        (elastic, {"training": [8, 8], "tests": 5, "correction": "usual"}, r"are elastic: leave out the correction"),
     ],
 )
-def test_tests_of_the_other_kind(tmp_path, scene, changes, message):
+def test_what_is_of_the_other_kind(tmp_path, scene, changes, message):
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+
+    points, usual = changes.get("points"), {"correction": CorrectionSettings()}
+    changed = {name: value for name, value in changes.items() if name != "points"}
+    changed |= usual if changes.get("correction") == "usual" else {}
     with pytest.raises(StudyError, match=message):
-        hhr.study_scene(scene(), replace(settings_of_paths(), **changes), tmp_path)
+        hhr.study_scene(scene(), replace(settings_of_paths(), **changed), tmp_path, points=points)
     assert not (tmp_path / "snapshots").exists()
-
-
-@needs("inelastic")
-def test_points_where_bodies_flow(tmp_path):
-    with pytest.raises(StudyError, match="points must be paths"):
-        hhr.study_scene(flowing(), settings_of_paths(), tmp_path, points=[[0.05, 0.0]])
 
 
 def test_what_was_read_from_files_is_paid_for_too(tmp_path):
@@ -236,8 +220,4 @@ def test_what_was_read_from_files_is_paid_for_too(tmp_path):
     assert read >= 9 and found == pytest.approx(read * again["times"]["fom_best"]["median"])
     even, times = again["break_even"], again["times"]
     saved = times["fom_best"]["median"] - times["online_forces"]["median"]
-    assert (
-        even["forces"] is None
-        if saved <= 0
-        else even["forces"] == pytest.approx(sum(times["offline"].values()) / saved)
-    )
+    assert even["forces"] == (pytest.approx(sum(times["offline"].values()) / saved) if saved > 0 else None)

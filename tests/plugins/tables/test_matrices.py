@@ -1,15 +1,16 @@
 """Contact problems given as matrices: the answers of the full order that they are of, what fits nothing, no DOLFINx."""
 
+from contextlib import nullcontext
+
 import contract
 import numpy as np
 import pytest
 from bare import python
 from mpi4py import MPI
-from needs import needs
 from scipy import sparse
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, OutsideTrainingError, ParameterError, SceneError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.tables.matrices import _factored
 
 
@@ -39,9 +40,8 @@ def given(full):
 
 
 def test_answers_are_those_of_the_full_order(full, given, tmp_path):
-    free = np.flatnonzero(full.problem.free)
-    row = np.random.default_rng(0).normal(size=free.size)
-    weights = np.arange(4.0)
+    free = full.problem.free
+    row, weights = np.random.default_rng(0).normal(size=free.sum()), np.arange(4.0)
     model = hhr.condense_matrices(
         **given, areas=full.problem.contact_areas, displacement_outputs={"moved": row}, force_outputs={"sum": weights}
     )
@@ -63,13 +63,6 @@ def test_answers_are_those_of_the_full_order(full, given, tmp_path):
     many = model.solve_many(full.parameters.random(40, 1)).outputs()["peak"]
     assert many[-1] == pytest.approx(outputs["peak"], rel=1e-12)
     assert "no reduction error" in model.known_error
-
-
-@needs("exporters")
-def test_a_model_of_matrices_can_be_a_header(given):
-    from hhr_dolfinx.plugins.exporters.c_header import c_header
-
-    assert "press_solve" in c_header(hhr.condense_matrices(**given), "press")[0]
 
 
 def test_terms_may_be_formulas_in_any_order(full, given):
@@ -133,17 +126,12 @@ def test_what_does_not_fit_is_refused(given, wrong, error, words):
 def test_only_positive_definite_matrices_are_taken(seed):
     """By their eigenvalues; of small whole numbers, so that pivots vanish now and then."""
     rng = np.random.default_rng(seed)
-    taken = []
     for _ in range(50):
         half = np.tril(rng.integers(-3, 5, (3, 3)))
         matrix = half + np.tril(half, -1).T + np.diag(rng.integers(0, 6, 3))
         definite = np.linalg.eigvalsh(matrix).min() > 1e-9
-        try:
+        with nullcontext() if definite else pytest.raises(NotSolvableError):
             _factored(sparse.csc_matrix(matrix.astype(float)))
-            taken.append((True, definite))
-        except NotSolvableError:
-            taken.append((False, definite))
-    assert all(found == known for found, known in taken)
 
 
 def test_numbers_and_matrices_of_any_kind_are_taken(given):
@@ -162,16 +150,9 @@ def test_numbers_and_matrices_of_any_kind_are_taken(given):
     np.testing.assert_allclose(constant.solve(point).forces(), model.solve(point).forces(), rtol=1e-10)
 
 
-def test_a_point_outside_of_the_box_is_refused(given):
-    model = hhr.condense_matrices(**given)
-    with pytest.raises((ParameterError, OutsideTrainingError)):
-        model.solve({"push": 9.0, "load": 0.0})
-
-
 SPRINGS = """
 import sys
 import numpy as np
-from needs import needs
 import hhr_dolfinx as hhr
 model = hhr.condense_matrices(
     hhr.ParameterSpace(("pull",), (0.0,), (3.0,)),

@@ -48,12 +48,16 @@ def killed(model, rows, target, resume="model"):
         answer_table(model, rows, target, quiet(), progress, resume=resume)
 
 
-def counting(seen):
+def blocks_of(model, rows, target, resume="model"):
+    """Blocks that a run answers."""
+    seen = []
+
     def progress(items):
         seen.extend(items)
         return iter(items)
 
-    return progress
+    answer_table(model, rows, target, quiet(), progress, resume=resume)
+    return seen
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
@@ -62,9 +66,7 @@ def test_a_table_that_was_killed_goes_on_where_it_was(ending, model, rows, tmp_p
     assert answer_table(model, rows, whole, quiet()) == 1
     killed(model, rows, target)
     assert not target.exists() and (tmp_path / f"a{ending}.parts").is_dir()
-    seen = []
-    assert answer_table(model, rows, target, quiet(), counting(seen), resume="model") == 1
-    assert seen == [2, 3, 4] and not (tmp_path / f"a{ending}.parts").exists()
+    assert blocks_of(model, rows, target) == [2, 3, 4] and not (tmp_path / f"a{ending}.parts").exists()
     if ending == ".csv":
         assert target.read_bytes() == whole.read_bytes() and len(target.read_text().splitlines()) == ROWS + 1
     else:
@@ -80,19 +82,16 @@ def test_a_block_that_was_damaged_is_answered_again(model, rows, tmp_path):
     content = bytearray(block.read_bytes())
     content[-20] ^= 1
     block.write_bytes(content)
-    seen = []
-    answer_table(model, rows, tmp_path / "a.csv", quiet(), counting(seen), resume="model")
-    assert seen == [0, 2, 3, 4]
+    assert blocks_of(model, rows, tmp_path / "a.csv") == [0, 2, 3, 4]
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 
 @pytest.mark.parametrize("change", ["model", "row", "none"])
 def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp_path):
     killed(model, rows, tmp_path / "a.csv", "one")
-    seen, other = [], [*rows[:-1], rows[0]] if change == "row" else rows
+    other = [*rows[:-1], rows[0]] if change == "row" else rows
     resume = {"model": "another", "row": "one", "none": None}[change]
-    answer_table(model, other, tmp_path / "a.csv", quiet(), counting(seen), resume=resume)
-    assert seen == [0, 1, 2, 3, 4]
+    assert blocks_of(model, other, tmp_path / "a.csv", resume) == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("resume", [None, "model"])
@@ -102,10 +101,9 @@ def test_a_folder_of_the_user_is_left_alone(name, resume, model, rows, tmp_path)
     folder = tmp_path / "a.csv.parts"
     (folder / "deeper").mkdir(parents=True)
     (folder / name).write_text('"years of work"')
-    seen = []
     with pytest.raises(FileError, match=r"a\.csv\.parts is where blocks of answers are kept .*: .*Move the folder"):
-        answer_table(model, rows, tmp_path / "a.csv", quiet(), counting(seen), resume=resume)
-    assert not seen and sorted(path.name for path in tmp_path.iterdir()) == ["a.csv.parts"]
+        answer_table(model, rows, tmp_path / "a.csv", quiet(), pytest.fail, resume=resume)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv.parts"]
     assert (folder / name).read_text() == '"years of work"' and (folder / "deeper").is_dir()
 
 
