@@ -57,20 +57,11 @@ def local(models):
     return hhr.LocalModels(models, one_cut(1, CUT, REACH))
 
 
-@pytest.fixture(scope="module")
-def varying():
-    return varying_set()
-
-
 @pytest.fixture
 def broken(models):
     """A set whose second model has no answer anywhere."""
     problem = dataclasses.replace(models[1].problem, gaps=np.nan * models[1].problem.gaps)
     return hhr.LocalModels([models[0], models[1].changed(problem=problem)], one_cut(1, CUT, REACH))
-
-
-def relative(estimate):
-    return max(estimate.primal_relative, estimate.dual_relative)
 
 
 # ---------------------------------------------------------------- the choice
@@ -201,11 +192,11 @@ def test_answers_are_those_of_the_model_of_the_part(local, models):
 def test_by_a_border_the_smaller_estimate_decides(local, models):
     won = []
     for height in np.linspace(CUT - 0.39, CUT + 0.39, 40):
-        answer = local.solve((90.0, height))
-        own = int(height > CUT)
-        sizes = [relative(model.solve((90.0, height), outside="ignore").estimate()) for model in models]
+        answer, own = local.solve((90.0, height)), int(height > CUT)
+        said = [model.solve((90.0, height), outside="ignore").estimate() for model in models]
+        *sizes, found = (max(each.primal_relative, each.dual_relative) for each in (*said, answer.estimate()))
         assert local.model_of(answer) == (1 - own if sizes[1 - own] < sizes[own] else own)
-        assert relative(answer.estimate()) == min(sizes)
+        assert found == min(sizes)
         won.append(local.model_of(answer) != own)
     assert any(won) and not all(won)
 
@@ -325,8 +316,8 @@ def test_the_door_of_each_part(models):
 
 
 @needs("moduli")
-def test_stiffness_that_varies(varying):
-    training, local = varying
+def test_stiffness_that_varies():
+    training, local = varying_set()
     points = training.full_order.parameters.random(20, seed=2)
     many = local.solve_many(points, outside="ignore")
     assert set(many.model.tolist()) == {0, 1} and (local.choice.many(points)[1] != LEAF).any()

@@ -1,18 +1,14 @@
 """Local models in tables, on ranks, and where the full model answers in their place."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from bare import read_csv
 from launched import launch
 from needs import needs
-from parted import pellet_training, three_models, varying_set
+from parted import pellet_training, three_models
 from scenes import largest_difference
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.plugins.local.models import LocalModels
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +19,6 @@ def training():
 @pytest.fixture(scope="module")
 def local(training):
     return three_models(training)
-
-
-@pytest.fixture(scope="module")
-def varying():
-    return varying_set()[1]
 
 
 def points_of(model, count=40):
@@ -87,7 +78,7 @@ def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
 
 
 @needs("tables")
-def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
+def test_local_models_fall_back_on_the_full_one(local, training):
     model, points = hhr.FallbackModel(local, training.full_order, 1e-3), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
     answers = hhr.answer_points(model, points)
     fell, numbers = answers.columns["fell_back"] == 1, answers.columns["model"]
@@ -96,17 +87,5 @@ def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     for k in np.flatnonzero(~fell[:40]):
         estimate = local.solve(points[k]).estimate()
         assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
-    assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
-    rows = read_csv(tmp_path / "answers.csv")[:40]
-    assert all((row["model"] == "") == (row["fell_back"] == "1") for row in rows)
     alone = hhr.answer_points(hhr.FallbackModel(local.models[0], training.full_order), points[:2])
     assert list(alone.columns) == ["fell_back"]
-
-
-@needs("moduli")
-def test_a_fallback_looks_at_local_models_as_at_one(local, training, varying):
-    with pytest.raises(ReductionError, match="has the parameters"):
-        hhr.FallbackModel(varying, training.full_order)
-    bare = [model.changed(fields=dataclasses.replace(model.fields, bound=None)) for model in local.models]
-    with pytest.raises(BoundError, match="have no bound"):
-        hhr.FallbackModel(LocalModels(bare, local.choice), training.full_order)
