@@ -230,7 +230,6 @@ def test_the_worst_of_many_points_is_warned_of(training):
 
 def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
-    made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)))
-    training = hhr.train(made, hhr.Sobol(6), held_out=0)
+    training = hhr.train(stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0))), hhr.Sobol(6), held_out=0)
     full, model = training.full_order, training.build(hhr.Recipe().as_it_is(), checked=False)
     check(full, model, full.parameters.random(60, 1), balanced_sizes(full))

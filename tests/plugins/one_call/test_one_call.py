@@ -111,8 +111,7 @@ def test_many_conditions_are_tried_both_ways(monkeypatch):
 
 @needs("friction")
 def test_friction_without_paths_is_asked_at_points():
-    scene = contract.blocks(friction=hhr.Coulomb(0.3))
-    model = hhr.reduce(scene, 0.01, of="pressure")
+    model = hhr.reduce(contract.blocks(friction=hhr.Coulomb(0.3)), 0.01, of="pressure")
     assert model.reduction.met and model.law.plugin
 
 
@@ -267,8 +266,7 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
 @needs("moduli")
 def test_what_is_never_offered_is_tried_once():
     """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
-    scene = contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)})
-    model = hhr.reduce(scene, 0.05, of="forces")
+    model = hhr.reduce(contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)}), 0.05, of="forces")
     refused = [item for item in model.reduction.tried if item.method == "condensed"]
     assert len(refused) == 1 and refused[0].outcome.startswith("refused: contact alone holds")
 
