@@ -19,10 +19,11 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.plugins.differences import contact_response
-from hhr_dolfinx.plugins.differences.offline import energy_coordinates, exact_difference, field_response, leading
+from hhr_dolfinx.plugins.differences.offline import energy_coordinates, exact_difference, leading
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 ERRORS = ("primal", "dual", "forces_euclid", "pressure")
+FLANK = two_blocks.side(two_blocks.SECOND, 0, True)
 NEAR = 1e-9
 """Part of the exact answer by which an estimate may be off the error: its round-off is 2e-10."""
 
@@ -73,32 +74,29 @@ def test_half_discs(hertz, hertz_snapshots, some, recipe):
         check_norms(parts)
 
 
-def test_pellet():
-    """Displacements on fewer columns than conditions, and on all of them: these are exact."""
-    full = hhr.FullOrderModel(small_pellet())
-    snapshots = hhr.compute_snapshots(full, full.parameters.grid([8, 6]))
-    for tolerance in (1e-13, 1e-5):
-        model = hhr.build(full, snapshots, hhr.Recipe(hhr.Pod(tolerance, relative=True)).as_it_is())
-        parts = check(full, model, full.parameters.random(40, 4))
-        whole = model.fields.response.onto is None
-        check_norms(parts, (1, 2, 3) if whole else (0, 1, 2, 3))
-        assert whole == (tolerance == 1e-5) and (np.median(parts[:, 0]) < 1e-9) == whole
+def blocks(hypothesis="plane_strain", box=None, **others):
+    """A full model of a pair of blocks."""
+    return hhr.FullOrderModel(pressed_pair(hypothesis, ((2.0, 0.3), (1.0, 0.2)), box, **{"cells": 3} | others))
+
+
+def few(full, sampling, **recipe):
+    """A model of few answers."""
+    snapshots = hhr.compute_snapshots(full, sampling.points(full.parameters))
+    return hhr.build(full, snapshots, hhr.Recipe(**recipe).as_it_is())
 
 
 @needs("mortar")
 def test_sphere():
     full = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(8, 4), block_cells=(6, 4)))
-    snapshots = hhr.compute_snapshots(full, full.parameters.random(8, 0))
-    check_norms(check(full, hhr.build(full, snapshots, AS_IT_IS), full.parameters.random(20, 11)), (1, 2, 3))
+    check_norms(check(full, few(full, hhr.LatinHypercube(8)), full.parameters.random(20, 11)), (1, 2, 3))
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_pairs_of_blocks(hypothesis):
     """Imposed motions, sliding, loads and gaps as parameters; trained on so few points that errors are large."""
-    full = hhr.FullOrderModel(pressed_pair(hypothesis, ((2.0, 0.3), (1.0, 0.2)), cells=3))
-    snapshots = hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters))
+    full = blocks(hypothesis)
     for cone in (False, True):
-        model = hhr.build(full, snapshots, hhr.Recipe(cone=cone).as_it_is())
+        model = few(full, hhr.Sobol(4), cone=cone)
         parts = check(full, model, full.parameters.random(30, 3))
         assert (np.median(parts, axis=0)[0 if cone else 1 :] > 1e-3).all()
 
@@ -118,7 +116,9 @@ def test_any_field_and_any_forces(hertz):
         assert (np.abs([getattr(found, name) for name in ERRORS] - true) <= NEAR * (true + sizes)).all()
 
 
-def test_without_an_exact_answer_an_error_is_infinite(hertz_reduction, monkeypatch):
+def test_without_an_exact_answer_an_error_is_infinite(hertz, hertz_reduction, monkeypatch):
+    """That of the full model is zero."""
+    assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {}, 0.0, 0.0, 0.0, 0.0)
     plain = contact_response.active_set
     cycling = lambda *given, **how: plain(*given, **how)._replace(status=Status.CYCLING)  # noqa: E731
     monkeypatch.setattr(contact_response, "active_set", cycling)
@@ -140,10 +140,6 @@ def test_coordinates_are_those_of_the_energy(hertz):
         assert np.linalg.norm(found @ way) == pytest.approx(energy, abs=1e-12 * size)
 
 
-def test_the_full_model_is_exact(hertz, hertz_reduction):
-    assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {}, 0.0, 0.0, 0.0, 0.0)
-
-
 def test_what_is_not_proved_is_refused(hertz):
     """Bodies that flow, a stiffness of parameters, dependent rows, a K that is not symmetric."""
     bodies = ("E1", 0.3), (2.0, 0.3)
@@ -163,15 +159,15 @@ def test_what_is_not_proved_is_refused(hertz):
 
 @needs("fallback")
 def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_reduction):
-    half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), hhr.Recipe().as_it_is())
+    half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), AS_IT_IS)
     model = hhr.FallbackModel(half, hertz, 1e6)
-    model.solve(0.44)
-    assert model.share == 0, "the bound is what counts"
-    model.solve(0.44, outside="refuse")
-    assert model.share == 0.5
+    for outside, share in (("usual", 0.0), ("refuse", 0.5)):  # usually the bound is what counts
+        model.solve(0.44, outside=outside)
+        assert model.share == share
     bare = hertz_reduction.changed(fields=dataclasses.replace(hertz_reduction.fields, bound=None))
-    with pytest.raises(BoundError, match="have no bound"):
-        hhr.FallbackModel(bare, hertz)
+    for without in (bare, None):
+        with pytest.raises(BoundError, match="have no bound"):
+            hhr.FallbackModel(without, hertz)
     for tolerance in (0.0, -1.0, np.nan, "1 %", None):
         with pytest.raises(ParameterError, match="must be a positive number"):
             hhr.FallbackModel(hertz_reduction, hertz, tolerance)
@@ -193,14 +189,9 @@ def test_the_full_model_must_be_that_of_the_scene(hertz, hertz_reduction):
     for full in (None, hertz_reduction, hhr.FallbackModel(hertz_reduction, hertz)):
         with pytest.raises(ReductionError, match="is no full model"):
             hhr.FallbackModel(hertz_reduction, full)
-    with pytest.raises(BoundError, match="have no bound"):
-        hhr.FallbackModel(None, hertz)
-    flank, bodies = two_blocks.side(two_blocks.SECOND, 0, True), ((2.0, 0.3), (1.0, 0.2))
-    loads = [(hhr.Pressure(flank, slope("load", size)),) for size in (1.0, 5.0)]
-    one, other = (hhr.FullOrderModel(pressed_pair("plane_strain", bodies, cells=3, loads=given)) for given in loads)
-    snapshots = hhr.compute_snapshots(one, hhr.Sobol(8).points(one.parameters))
+    one, other = (blocks(loads=(hhr.Pressure(FLANK, slope("load", size)),)) for size in (1.0, 5.0))
     with pytest.raises(ReductionError, match="another scene"):
-        hhr.FallbackModel(hhr.build(one, snapshots, AS_IT_IS), other, 0.01)
+        hhr.FallbackModel(few(one, hhr.Sobol(8)), other, 0.01)
 
 
 def test_loads_of_an_estimate_that_cannot_be(hertz_reduction, tmp_path):
@@ -212,10 +203,9 @@ def test_loads_of_an_estimate_that_cannot_be(hertz_reduction, tmp_path):
 
 def test_bodies_that_move_far_and_deform_little():
     """The relative bound is over the energy of the deformation, of which a rigid motion has none."""
-    bodies, box = ((2.0, 0.3), (1.0, 0.2)), {"push": (1.0, 1.0 + 1e-6), "gap": (1.0, 1.0 + 1e-9)}
-    full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, {**box, "slide": (0.0, 1e-7), "load": (0.0, 1e-7)}))
-    snapshots = hhr.compute_snapshots(full, hhr.Sobol(3).points(full.parameters))
-    model, stiffness = hhr.build(full, snapshots, hhr.Recipe().as_it_is()), full.problem.stiffness
+    box = {"push": (1.0, 1.0 + 1e-6), "gap": (1.0, 1.0 + 1e-9), "slide": (0.0, 1e-7), "load": (0.0, 1e-7)}
+    full = blocks(box=box, cells=4)
+    model, stiffness = few(full, hhr.Sobol(3)), full.problem.stiffness
     far = np.zeros(full.problem.free.size)
     far[full.problem.block_size - 1 :: full.problem.block_size] = np.where(full.problem.points[:, -1] > 1, -1.0, 0.0)
     for point in full.parameters.random(20, 6):
@@ -238,6 +228,17 @@ def model(request, pellet):
     return found
 
 
+def test_pellet(pellet, model):
+    """Displacements on fewer columns than conditions, and on all of them: these are exact."""
+    parts = check(pellet.full_order, model, pellet.full_order.parameters.random(40, 4))
+    whole = model.fields.response.onto is None
+    check_norms(parts, (1, 2, 3) if whole else (0, 1, 2, 3))
+    assert (np.median(parts[:, 0]) < 1e-9) == whole
+    # a pressure up to a height has more terms than there are nodes below it
+    loaded = model.fields.response.loaded
+    assert loaded.shape[1] < np.count_nonzero(pellet.full_order.per_load.any(axis=0))
+
+
 def test_what_is_handed_out_penetrates_nothing(pellet, model):
     """Gaps that the answer says are closed are closed, to what the projection leaves open: 0.8 % in the median."""
     problem = pellet.full_order.problem
@@ -247,17 +248,6 @@ def test_what_is_handed_out_penetrates_nothing(pellet, model):
         for answer in [model.solve(point, outside="ignore")]
     ]
     assert np.median(deepest) < (1e-9 if model.fields.response.onto is None else 0.05)
-
-
-def test_columns_are_orthonormal_in_energy_and_their_coordinates_those_of_a_projection(pellet):
-    full, stiffness = pellet.full_order, pellet.full_order.problem.stiffness
-    made = field_response(full, pellet.snapshots.forces, 9)
-    assert made.columns.T @ stiffness @ made.columns == pytest.approx(np.eye(9), abs=1e-9)
-    assert made.response.onto == pytest.approx((full.problem.contact @ made.columns).T, abs=1e-9)
-    loads = made.response.loaded @ made.response.loading
-    assert loads == pytest.approx(full.per_load, abs=1e-10 * np.abs(full.per_load).max())
-    # a pressure up to a height has more terms than there are nodes below it
-    assert made.response.loaded.shape[1] < np.count_nonzero(full.per_load.any(axis=0))
 
 
 def test_directions_without_a_training_are_those_along_which_forces_move_most():
@@ -309,16 +299,13 @@ def test_a_bound_is_as_good_as_its_interpolation_or_left_out(name):
 
 
 @needs("moduli")
-def test_a_wide_range_of_poisson_s_ratio_is_known_to_be_resolved():
-    """Shares of the change of volume above 3/5 do not occur: at a ratio near 0 they would be all that counts."""
-    scene = pressed_pair("plane_strain", ((2.0, "nu"), (1.0, 0.2)), {"nu": (0.001, 0.4)}, cells=3)
-    training = hhr.train(scene, hhr.Sobol(16), held_out=0)
-    bound = training.build(checked=False).fields.bound
-    assert bound.proved and bound.inexact < 1e-8
+@pytest.mark.parametrize("poisson", ["0.001 + 0.399 * T", "0.3 + 0.15 * sin(2000 * pi * T)"])
+def test_what_is_resolved_of_poisson_s_ratio_is_known(poisson):
+    """Shares of the change of volume above 3/5 do not occur: at a ratio near 0 they would be all that counts.
 
-
-@needs("moduli")
-def test_a_formula_that_repeats_itself_between_the_nodes_is_found_out():
-    scene = pressed_pair("plane_strain", ((2.0, "0.3 + 0.15 * sin(2000 * pi * T)"), (1.0, 0.2)), {"T": (0.0, 1.0)})
-    training = hhr.train(scene, hhr.Sobol(8), held_out=0)
-    assert training.build(checked=False).fields.bound is None
+    A formula that repeats itself between the nodes is found out.
+    """
+    scene = pressed_pair("plane_strain", ((2.0, poisson), (1.0, 0.2)), {"T": (0.0, 1.0)}, cells=3)
+    bound = hhr.train(scene, hhr.Sobol(16), held_out=0).build(checked=False).fields.bound
+    known = "sin" not in poisson
+    assert (bound is not None) == known and (not known or (bound.proved and bound.inexact < 1e-8))

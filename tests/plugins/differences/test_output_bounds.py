@@ -1,17 +1,14 @@
 """Estimates of outputs are their differences to those of the exact answer."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from kept_values import array, put, rewrite_model
 from needs import needs
 from scenes import pressed_pair
 from test_outputs import small_pellet
 from toy_functional import SmoothPeak
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ModelFileError, ParameterError
+from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.differences import outputs as output_difference
 
@@ -21,19 +18,20 @@ NEAR = 1e-9
 """Part of the largest value of an output by which an estimate may be off the error."""
 
 
-def with_outputs(scene, lower, upper, dim):
-    """A scene of two bodies, tagged ``lower`` and ``upper``, with outputs of every kind, and one of a user's own."""
+def with_outputs(hypothesis):
+    """A pair of blocks with outputs of every kind, and one of a user's own."""
+    lower, upper = two_blocks.FIRST, two_blocks.SECOND
     outputs = (
         hhr.LargestPressure("peak", 0),
         SmoothPeak("smooth", 0),
-        hhr.ContactForce("force", 0, tuple(np.eye(dim)[dim - 1])),
+        hhr.ContactForce("force", 0, (0.0, 0.0, 1.0) if hypothesis == "solid" else (0.0, 1.0)),
         hhr.ContactWidth("area", 0),
         hhr.VonMises("largest", lower),
         hhr.VonMises("mean", upper, "mean"),
         hhr.ElasticEnergy("energy"),
         hhr.LinearForm("moved", lambda a: a.test[0] * a.dx(lower)),
     )
-    return dataclasses.replace(scene, outputs=outputs)
+    return pressed_pair(hypothesis, ((2.0, 0.3), (1.0, 0.2)), cells=3, outputs=outputs)
 
 
 def check(full, model, points):
@@ -48,10 +46,7 @@ def check(full, model, points):
     medians = {}
     for name, rows in found.items():
         error, one, size = np.array(rows).T
-        assert (error <= one).all() and (one - error <= NEAR * size.max()).all(), (
-            name,
-            (one - error).max() / size.max(),
-        )
+        assert (error <= one).all() and (one - error <= NEAR * size.max()).all(), name
         medians[name] = np.median(error) / size.max()
     return medians
 
@@ -69,9 +64,11 @@ def poor(pellet):
 
 def test_outputs_of_the_pellet(pellet, poor):
     full = pellet.full_order
+    names = {output.name for output in full.scene.outputs}
+    assert full.solve((100.0, 3.0)).estimate().outputs == dict.fromkeys(names, 0.0)
     for model in (pellet.build(checked=False), poor):
         medians = check(full, model, full.parameters.random(60, 0))
-        assert set(medians) == {output.name for output in full.scene.outputs}
+        assert set(medians) == names
         # the contact that is lost, and the area under load, jump: they are right at most points
         assert model is not poor or min(medians[name] for name in set(medians) - {"area", "lost"}) > 1e-6
 
@@ -92,26 +89,7 @@ def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
 @pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric", "solid"])
 def test_outputs_of_pairs_of_blocks(hypothesis):
     """Imposed motions, loads and gaps as parameters; few points of training, so that errors are large."""
-    bodies, dim = ((2.0, 0.3), (1.0, 0.2)), 3 if hypothesis == "solid" else 2
-    scene = with_outputs(pressed_pair(hypothesis, bodies, cells=3), two_blocks.FIRST, two_blocks.SECOND, dim)
-    full = hhr.FullOrderModel(scene)
+    full = hhr.FullOrderModel(with_outputs(hypothesis))
     model = hhr.build(full, hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters)), POOR)
     medians = check(full, model, full.parameters.random(40, 3))
     assert min(medians[name] for name in ("force", "energy", "moved", "peak", "smooth")) > 1e-6
-
-
-def test_the_full_model_has_exact_outputs(pellet):
-    found = pellet.full_order.solve((100.0, 3.0)).estimate().outputs
-    assert found == {output.name: 0.0 for output in pellet.full_order.scene.outputs}
-
-
-@pytest.mark.parametrize("change", [
-    *(array(f"fields.output_bound.{name}", lambda a: a[:-1]) for name in ("least", "free", "pressed")),
-    array("fields.output_bound.least", lambda a: -0.5 - np.abs(a)), put("fields.functionals", None),
-])  # fmt: skip
-def test_arrays_that_cannot_be(change, poor, tmp_path):
-    """Signed anew after a change: of fewer outputs or rows, a negative size, estimates of outputs without outputs."""
-    hhr.save_model(tmp_path / "model.npz", poor)
-    rewrite_model(tmp_path / "model.npz", change)
-    with pytest.raises(ModelFileError, match="output"):
-        hhr.load_model(tmp_path / "model.npz")

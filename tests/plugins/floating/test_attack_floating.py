@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
-from scenes import block_scene, lying, output_slopes, pair_scene, slope, space
+from scenes import block_scene, check_alike, lying, output_slopes, pair_scene, slope, space
 from test_bounds import check, sizes_of
+from test_floating import kkt
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning, StabilityWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
-from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.plugins.differences.offline import field_response
 from hhr_dolfinx.reduction.exact import exact_condensation
 
@@ -47,20 +47,6 @@ def lone(contacts, loads, names, **changes):
     return block_scene("lone", dict.fromkeys(names, (0.0, 1.0)), **given | changes)
 
 
-def kkt(full, mu, rounding=1e-10):
-    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved it."""
-    problem, answer = full.problem.at(mu), full.solve(mu)
-    theta, forces, moved = problem.amplitudes(answer.parameter), answer.forces(), answer.displacement()
-    acting, given = problem.contact.T @ forces, problem.external @ theta
-    left = (problem.stiffness @ moved + acting - given)[problem.free]
-    size = max(np.abs(acting).max(), np.abs(given).max())
-    slack = problem.gaps @ theta - problem.contact @ (moved - problem.lifts @ theta)
-    assert np.abs(left).max() < rounding * size
-    assert forces.min() > -1e-12 * size and slack.min() > -1e-6 * np.abs(moved).max()
-    assert np.abs(forces * slack).max() < 1e-6 * size * np.abs(moved).max()
-    return answer
-
-
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffer", [1e-6, 1.0, 1e6])
 def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
@@ -73,21 +59,14 @@ def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
         assert forces[~upper].sum() == pytest.approx((0.5 * p + q) * size, rel=1e-9)
 
 
-def test_motions_are_of_one_body_each():
-    problem = hhr.FullOrderModel(stack(), MPI.COMM_SELF).problem
-    upper = problem.points[:, 1] > 1 + 1e-9
-    lower = problem.points[:, 1] < 1 - 1e-9
-    moved = np.abs(problem.kernel.motions).reshape(len(problem.points), 2, -1)
-    sizes = [moved[which].max(axis=(0, 1)) for which in (upper, lower)]
-    assert (np.minimum(*sizes) < 1e-12).all()
-
-
 def test_what_pulls_apart_is_adrift_and_named():
     full = hhr.FullOrderModel(stack(lowest=-1.0), MPI.COMM_SELF)
     kkt(full, (1.0, -0.4))
     for mu in ((1.0, -0.6), (-0.1, 1.0), (1e-3, -1e-3)):
         assert full.solve(mu, raise_on_failure=False).status is Status.ADRIFT
-    with pytest.raises(NotSolvableError, match=r"body 2 of scene 'stack'.*body 1|body 1 of scene 'stack'.*body 2"):
+    with pytest.raises(
+        NotSolvableError, match=r"away.*(body 2 of scene 'stack'.*body 1|body 1 of scene 'stack'.*body 2)"
+    ):
         full.solve((-0.1, 1.0))
 
 
@@ -162,13 +141,8 @@ def test_small_models_of_a_stack(how, tmp_path):
     safe = hhr.FallbackModel(models[0], full, 0.01)
     assert not safe.fell_back(safe.solve((0.5, 0.5)))
     models.append(exact_condensation(full, training.snapshots.known_statuses()))
-    for point in full.parameters.random(6, seed=5):
-        exact = full.solve(point)
-        for model in models:
-            answer = model.solve(point)
-            assert np.linalg.norm(answer.forces() - exact.forces()) < 1e-9 * np.linalg.norm(exact.forces())
-            off = np.linalg.norm(answer.displacement() - exact.displacement())
-            assert off < 1e-9 * np.linalg.norm(exact.displacement())
+    for model in models:
+        check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-9, displacement=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
@@ -190,16 +164,13 @@ def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
         hhr.FullOrderModel(scene, MPI.COMM_SELF)
 
 
-def leaning():
+@pytest.fixture(scope="module")
+def training():
     """A crowned block that a force on its side makes lean to either side."""
     outputs = (hhr.GapAt("gap", 0, (0.0, 1.0)), hhr.ContactForce("force", 0, (0.0, 1.0)))
     box = space(p=(1.0, 10.0), t=(-0.5, 0.5))
-    return lying(cells=(16, 8), tilt=slope("t"), parameters=box, outputs=outputs)
-
-
-@pytest.fixture(scope="module")
-def training():
-    return hhr.train(leaning(), hhr.Sobol(12), held_out=5)
+    scene = lying(cells=(16, 8), tilt=slope("t"), parameters=box, outputs=outputs)
+    return hhr.train(scene, hhr.Sobol(12), held_out=5)
 
 
 @pytest.fixture(scope="module", params=[1e-13, 1e-4, 1e-2])
@@ -237,29 +208,17 @@ def test_few_columns_leave_part_of_the_displacement(training):
 def test_fields_close_the_gaps_and_move_bodies_as_the_full_model_does(training, model):
     """S and K^-1 loads leave an error of round-off, of the rigid motions too, where forces are off by 15 %."""
     full = training.full_order
-    exact_of = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(20, 6)]
-    for exact, answer in exact_of:
-        field = exact.displacement()
-        assert answer.displacement() == pytest.approx(field, abs=1e-8 * np.abs(field).max())
-        for again in (copy.deepcopy(model), model):
-            assert again.solve(answer.parameter, outside="ignore").estimate() == answer.estimate()
+    points = full.parameters.random(20, 6)
+    check_alike(full, model, points, displacement=1e-8)
+    for point in points:
+        said = [again.solve(point, outside="ignore").estimate() for again in (copy.deepcopy(model), model)]
+        assert said[0] == said[1]
 
 
 def test_derivatives_of_what_is_read_of_fields_are_differences(model):
     point = np.array([6.1, 0.21])
-    answer = model.solve(point, outside="ignore", gradient=True)
-    assert answer.outputs().gradient["gap"] == pytest.approx(
-        output_slopes(model, point, "gap", step=1e-5)["gap"], abs=1e-9
-    )
-
-
-@needs("fallback")
-def test_a_safe_model_keeps_its_word(training):
-    safe = training.safe_model(0.01, checked=False)
-    assert isinstance(safe, CondensedModel)
-    for point in training.full_order.parameters.random(20, 9):
-        exact = training.full_order.solve(point).forces()
-        assert np.linalg.norm(safe.solve(point).forces() - exact) <= 1e-9 * np.linalg.norm(exact)
+    slopes = model.solve(point, outside="ignore", gradient=True).outputs().gradient["gap"]
+    assert slopes == pytest.approx(output_slopes(model, point, "gap", step=1e-5)["gap"], abs=1e-9)
 
 
 def test_the_worst_of_many_points_is_warned_of(training):
@@ -271,7 +230,6 @@ def test_the_worst_of_many_points_is_warned_of(training):
 
 def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
-    made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)))
-    training = hhr.train(made, hhr.Sobol(6), held_out=0)
+    training = hhr.train(stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0))), hhr.Sobol(6), held_out=0)
     full, model = training.full_order, training.build(hhr.Recipe().as_it_is(), checked=False)
     check(full, model, full.parameters.random(60, 1), balanced_sizes(full))

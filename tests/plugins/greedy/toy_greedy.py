@@ -1,16 +1,11 @@
 """Thesis Alg. 1.3 as printed, in one file: one snapshot at a time, where the indicator is largest."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 import hhr_dolfinx as hhr
 
 
-def printed_greedy(
-    full: Any, grid: np.ndarray, first: Sequence[int], n_max: int, eta_max: float, indicator: Any, recipe: hhr.Recipe
-) -> tuple[list[int], list[np.ndarray]]:
+def printed_greedy(full, grid, first, n_max, eta_max, indicator, recipe):
     """Places in the grid of what is selected, in this order, and the indicators of each iteration on the whole grid.
 
     As printed the worst parameter is added before the tolerance is looked at. Parameters that are selected already do

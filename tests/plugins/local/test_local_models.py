@@ -23,10 +23,9 @@ from parted import (
     pellet_models,
     pellet_training,
     random_choice,
-    three_models,
     varying_set,
 )
-from scenes import largest_difference, output_slopes, pressed_block, slope_errors
+from scenes import largest_difference, output_slopes, pressed_block, slope, slope_errors
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -58,25 +57,11 @@ def local(models):
     return hhr.LocalModels(models, one_cut(1, CUT, REACH))
 
 
-@pytest.fixture(scope="module")
-def varying():
-    return varying_set()
-
-
-@pytest.fixture(scope="module")
-def points(training):
-    return training.full_order.parameters.random(150, seed=5)
-
-
 @pytest.fixture
 def broken(models):
     """A set whose second model has no answer anywhere."""
     problem = dataclasses.replace(models[1].problem, gaps=np.nan * models[1].problem.gaps)
     return hhr.LocalModels([models[0], models[1].changed(problem=problem)], one_cut(1, CUT, REACH))
-
-
-def relative(estimate):
-    return max(estimate.primal_relative, estimate.dual_relative)
 
 
 # ---------------------------------------------------------------- the choice
@@ -160,7 +145,6 @@ def test_what_lies_on_a_cut_goes_low():
     tree = one_cut(0, 0.5, (0.0,))
     assert tree.candidates([0.5]) == (0, 1) and tree.candidates([0.5 + 1e-9]) == (1, LEAF)
     assert Choice.whole(2).candidates([0.3, 9.0]) == (0, LEAF)
-    assert Choice.whole(2).boxes((0.0, 1.0), (1.0, 2.0))[0][0] == 0
 
 
 def test_a_choice_takes_microseconds():
@@ -208,11 +192,11 @@ def test_answers_are_those_of_the_model_of_the_part(local, models):
 def test_by_a_border_the_smaller_estimate_decides(local, models):
     won = []
     for height in np.linspace(CUT - 0.39, CUT + 0.39, 40):
-        answer = local.solve((90.0, height))
-        own = int(height > CUT)
-        sizes = [relative(model.solve((90.0, height), outside="ignore").estimate()) for model in models]
+        answer, own = local.solve((90.0, height)), int(height > CUT)
+        said = [model.solve((90.0, height), outside="ignore").estimate() for model in models]
+        *sizes, found = (max(each.primal_relative, each.dual_relative) for each in (*said, answer.estimate()))
         assert local.model_of(answer) == (1 - own if sizes[1 - own] < sizes[own] else own)
-        assert relative(answer.estimate()) == min(sizes)
+        assert found == min(sizes)
         won.append(local.model_of(answer) != own)
     assert any(won) and not all(won)
 
@@ -224,18 +208,8 @@ def test_the_answer_does_not_jump_at_a_border(local):
         assert largest_difference(one.displacement(), two.displacement()) < 1e-7
 
 
-def test_errors_stay_below_their_bounds(local, training, points):
-    full = training.full_order
-    for point in points[:30]:
-        answer, exact = local.solve(point), full.solve(point)
-        estimate = answer.estimate()
-        off = answer.displacement() - exact.displacement()
-        assert np.sqrt(off @ (full.problem.stiffness @ off)) <= estimate.primal
-        off = answer.forces() - exact.forces()
-        assert np.sqrt(off @ full.schur @ off) <= estimate.dual
-
-
-def test_many_are_those_one_by_one(local, points):
+def test_many_are_those_one_by_one(local):
+    points = local.parameters.random(150, seed=5)
     many = local.solve_many(points)
     assert len(many) == len(points) and set(many.status) == {Status.CONVERGED}
     columns, estimates = many.outputs(), many.estimates()
@@ -326,17 +300,13 @@ def test_where_there_is_no_answer(broken, local):
 def test_the_door_of_each_part(models):
     """The first model was trained up to 3.7 mm and is asked at 5; the door says so in the words of one model."""
     local = hhr.LocalModels(models, one_cut(1, 5.5, (0.0, 0.2)))
-    with pytest.warns(OutsideTrainingWarning, match=r"h1 = 5 \(trained 0\.4"):
-        local.solve((100.0, 5.0))
-    with pytest.raises(OutsideTrainingError, match="h1 = 5"):
-        local.solve((100.0, 5.0), outside="refuse", raise_on_failure=False)
-    with pytest.raises(OutsideTrainingError, match="h1 = 5"):
-        local.solve_many([LOW, (100.0, 5.0)], outside="refuse")
-    with pytest.warns(OutsideTrainingWarning, match="h1 = 5"):
-        local.solve_many([LOW, (100.0, 5.0)])
-    for ask in (lambda how: local.solve(HIGH, outside=how), lambda how: local.solve_many([LOW, HIGH], outside=how)):
+    for ask, at in ((local.solve, (100.0, 5.0)), (local.solve_many, [LOW, (100.0, 5.0)])):
+        with pytest.warns(OutsideTrainingWarning, match=r"h1 = 5 \(trained 0\.4"):
+            ask(at)
+        with pytest.raises(OutsideTrainingError, match="h1 = 5"):
+            ask(at, outside="refuse", raise_on_failure=False)
         with pytest.raises(ParameterError, match="outside = 'never' is unknown"):
-            ask("never")
+            ask(at, outside="never")
     with warnings.catch_warnings(action="error"):
         local.solve((100.0, 5.0), outside="ignore")
         # by the border the other model was trained there, and is taken
@@ -346,8 +316,8 @@ def test_the_door_of_each_part(models):
 
 
 @needs("moduli")
-def test_stiffness_that_varies(varying):
-    training, local = varying
+def test_stiffness_that_varies():
+    training, local = varying_set()
     points = training.full_order.parameters.random(20, seed=2)
     many = local.solve_many(points, outside="ignore")
     assert set(many.model.tolist()) == {0, 1} and (local.choice.many(points)[1] != LEAF).any()
@@ -366,40 +336,31 @@ def test_models_that_do_not_go_together(models, training):
     other = hhr.train(pressed_block("plane_strain"), (4,), held_out=0).build(checked=False)
     bounds = {"bound": dataclasses.replace(models[1].fields.bound, schur=1.1 * models[1].fields.bound.schur)}
     stiffer = models[1].changed(fields=dataclasses.replace(models[1].fields, **bounds))
-    mute = models[1].changed(fields=dataclasses.replace(models[1].fields, functionals=None, output_bound=None))
+    mute, bare = (
+        models[1].changed(fields=dataclasses.replace(models[1].fields, **dict.fromkeys(names)))
+        for names in (("functionals", "output_bound"), ("bound", "output_bound"))
+    )
     wide = dataclasses.replace(training.full_order.parameters, upper=(400.0, 6.0))
     mesh = {**pellet.QUICK_MESH, "radial_cells": 5}
     finer = dataclasses.replace(pellet.scene(**mesh), outputs=OUTPUTS)
-    (apart,) = parts_of(hhr.train(finer, (4, 4), held_out=0), [(0.0, 6.1)])
-    for model in (other, apart, stiffer, mute, models[1].changed(parameters=wide)):
+    elsewhere = dataclasses.replace(training.full_order.scene.loads[0], amplitude=slope("P1", 0.5))
+    loaded = dataclasses.replace(training.full_order.scene, loads=(elsewhere,))
+    apart, pulled = (parts_of(hhr.train(scene, (4, 4), held_out=0), [(0.0, 6.1)])[0] for scene in (finer, loaded))
+    for model in (other, apart, pulled, stiffer, mute, bare, models[1].changed(parameters=wide)):
         with pytest.raises(ReductionError, match="local model 1 is of another scene or mesh"):
             hhr.LocalModels([models[0], model], halves)
-    for given_ in ([], [models[0], None], [training.full_order]):
-        with pytest.raises(ReductionError, match="a list of reduced models, at least one"):
-            hhr.LocalModels(given_, halves)
-    with pytest.raises(ReductionError, match="None is no Choice"):
-        hhr.LocalModels(models, None)
-    with pytest.raises(ReductionError, match=r"a choice of 3 parameters does not suit \('P1', 'h1'\)"):
-        hhr.LocalModels(models, Choice.whole(3))
-    with pytest.raises(ReductionError, match="not among 1 local ones"):
-        hhr.LocalModels(models[:1], halves)
-
-
-def test_bodies_that_flow_are_for_histories(models):
     flowing = models[1].changed()
     flowing.flow = "something"
-    with pytest.raises(ReductionError, match="take one model"):
-        hhr.LocalModels([models[0], flowing], one_cut(1, CUT, REACH))
-
-
-def test_three_models_in_the_plane_of_two_parameters(training):
-    local = three_models(training)
-    for number, point in ((0, (60.0, 1.5)), (2, (60.0, 4.5)), (1, (160.0, 4.5))):
-        assert local.model_of(local.solve(point)) == number
-    many = local.solve_many(training.full_order.parameters.random(60, seed=3))
-    assert set(many.model.tolist()) == {0, 1, 2}
-    for k, point in enumerate(many.points):
-        assert set(local.choice.candidates(point.tolist())) >= {many.model[k]}
+    no_models = "a list of reduced models, at least one"
+    for wrong, tree, why in (
+        *((items, halves, no_models) for items in ([], [models[0], None], [training.full_order])),
+        (models, None, "None is no Choice"),
+        (models, Choice.whole(3), r"a choice of 3 parameters does not suit \('P1', 'h1'\)"),
+        (models[:1], halves, "not among 1 local ones"),
+        ([models[0], flowing], halves, "take one model"),
+    ):
+        with pytest.raises(ReductionError, match=why):
+            hhr.LocalModels(wrong, tree)
 
 
 def test_a_fallback_on_a_local_set_marches_past_answers_of_the_full_model(training, local):

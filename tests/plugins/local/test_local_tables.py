@@ -1,19 +1,14 @@
 """Local models in tables, on ranks, and where the full model answers in their place."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from bare import read_csv
 from launched import launch
 from needs import needs
-from parted import pellet_training, three_models, varying_set
+from parted import pellet_training, three_models
 from scenes import largest_difference
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.command.console import make_console
-from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.plugins.local.models import LocalModels
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +21,6 @@ def local(training):
     return three_models(training)
 
 
-@pytest.fixture(scope="module")
-def varying():
-    return varying_set()[1]
-
-
 def points_of(model, count=40):
     """Random points and some by the first border."""
     points = model.parameters.random(2 * count, seed=9)
@@ -40,7 +30,7 @@ def points_of(model, count=40):
 
 
 @needs("tables")
-def test_tables_say_which_model_answered(local, tmp_path, capsys):
+def test_tables_say_which_model_answered(local, tmp_path):
     points = np.vstack([points_of(local, 10), [[1e9, 1.0]]])
     answers = hhr.answer_points(local, points)
     alone = hhr.answer_points(local.models[0], points, outside="ignore")
@@ -62,12 +52,7 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
     rows = read_csv(tmp_path / "answers.csv")
     assert [row["model"] for row in rows] == [*(f"{number:.0f}" for number in numbers[:-1]), ""]
     assert list(rows[0]).index("model") == list(rows[0]).index("force_0") - 1
-    np.savetxt(tmp_path / "points.csv", points, delimiter=",", header="P1,h1", comments="")
-    given = hhr.read_points(tmp_path / "points.csv", local.parameters)
-    assert hhr.answer_table(local, given, tmp_path / "again.csv", make_console()) == 1
-    assert "20 answers and 1 bad rows" in capsys.readouterr().out
-    nothing = hhr.answer_points(local, np.zeros((0, 2)))
-    assert nothing.columns["model"].shape == (0,)
+    assert hhr.answer_points(local, np.zeros((0, 2))).columns["model"].shape == (0,)
 
 
 ON_RANKS = """
@@ -93,7 +78,7 @@ def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
 
 
 @needs("tables")
-def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
+def test_local_models_fall_back_on_the_full_one(local, training):
     model, points = hhr.FallbackModel(local, training.full_order, 1e-3), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
     answers = hhr.answer_points(model, points)
     fell, numbers = answers.columns["fell_back"] == 1, answers.columns["model"]
@@ -102,17 +87,5 @@ def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     for k in np.flatnonzero(~fell[:40]):
         estimate = local.solve(points[k]).estimate()
         assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
-    assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
-    rows = read_csv(tmp_path / "answers.csv")[:40]
-    assert all((row["model"] == "") == (row["fell_back"] == "1") for row in rows)
     alone = hhr.answer_points(hhr.FallbackModel(local.models[0], training.full_order), points[:2])
     assert list(alone.columns) == ["fell_back"]
-
-
-@needs("moduli")
-def test_a_fallback_looks_at_local_models_as_at_one(local, training, varying):
-    with pytest.raises(ReductionError, match="has the parameters"):
-        hhr.FallbackModel(varying, training.full_order)
-    bare = [model.changed(fields=dataclasses.replace(model.fields, bound=None)) for model in local.models]
-    with pytest.raises(BoundError, match="have no bound"):
-        hhr.FallbackModel(LocalModels(bare, local.choice), training.full_order)

@@ -1,7 +1,6 @@
 """Local models from a training: clusters as in the thesis, and a box that is split until models are small and right."""
 
 import dataclasses
-import logging
 
 import numpy as np
 import pellet_cladding as pellet
@@ -9,11 +8,11 @@ import pytest
 from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from needs import needs
-from parted import AS_IT_IS, OUTPUTS, one_cut
-from scenes import pressed_pair, references_at, slope
+from parted import AS_IT_IS, OUTPUTS
+from scenes import pressed_pair, references_at
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
+from hhr_dolfinx.errors import LocalModelWarning, ReductionError, StudyError, TrainingWarning, UnstableModelError
 from hhr_dolfinx.plugins.local import splitting
 from hhr_dolfinx.plugins.local.clustered import built, least_forces, moving
 from hhr_dolfinx.plugins.local.clusters import forest_tree, separating_cut, tree_of_cells
@@ -44,10 +43,11 @@ def moving_block():
 
 
 def errors_of(training, model, count=60):
-    """Of the forces on the whole surface at random points."""
+    """References at random points, all errors, and those of the forces on the whole surface."""
     points = training.full_order.parameters.random(count, 5)
     references = references_at(points, training.full_order, training.snapshots)
-    return references, references.errors(model)
+    errors = references.errors(model)
+    return references, errors, errors.values["dual_full_floored"]
 
 
 def test_a_grid_is_cut_along_its_lines(training, regular):
@@ -80,8 +80,7 @@ def test_clusters_of_any_points_ask_a_forest(training):
         # what the forest says is among what it is trained on, and what lies by a border besides
         assert set(np.flatnonzero(labels == number)) <= set(member.snapshots)
     assert sum(len(member.snapshots) for member in members) > len(points)
-    found = errors_of(scattered, local)[1].values["dual_full_floored"]
-    assert np.median(found) < 0.1
+    assert np.median(errors_of(scattered, local)[-1]) < 0.1
 
 
 def test_one_tree_stands_for_a_forest():
@@ -120,13 +119,10 @@ def test_a_split_box_has_small_models_that_are_right(training, split):
         assert off <= 5 * 2e-3 * max(size, floor)
 
 
-def test_regions_tile_the_box_and_hold_their_training(training, split):
+def test_each_model_has_a_region_and_its_training(training, split):
     space, points = training.full_order.parameters, split.offline.points
     boxes = split.choice.boxes(space.lower, space.upper)
     assert sorted(number for number, *_ in boxes) == list(range(len(split)))
-    assert sum(np.prod(high - low) for _, low, high in boxes) == pytest.approx(
-        np.prod(np.subtract(space.upper, space.lower))
-    )
     for number, low, high in boxes:
         member = split.offline.members[number]
         reach = 0.2 * (high - low) + 1e-9
@@ -141,38 +137,23 @@ def test_what_is_wrong_is_asked_of_the_full_model(training):
     how = hhr.Splitting(modes=60, forces=1e-3, checks=60, rounds=2, most=2)
     grown, still = few.local(how, recipe=FINE), few.local(dataclasses.replace(how, rounds=0), recipe=FINE)
     assert len(grown.offline.points) >= len(few.snapshots.points) + 20 and len(still.offline.points) <= 20
-    worse, better = (
-        np.percentile(errors_of(training, model)[1].values["dual_full_floored"], 90) for model in (still, grown)
-    )
+    worse, better = (np.percentile(errors_of(training, model)[-1], 90) for model in (still, grown))
     assert better < 0.2 * worse
 
 
 @needs("studies")
 def test_no_stripe_by_the_borders(training, split, regular):
-    references, errors = errors_of(training, split, 150)
+    references, errors, of_forces = errors_of(training, split, 150)
     part = local_part(split, references, errors, training.full_order.parameters.random(20, 1))
-    assert part["K"] == len(split) and len(part["sizes"]) == len(split) and 0 < part["choice_s"] < 1e-4
-    assert part["stripe"] == stripe(split, references.solutions.points, errors.values["dual_full_floored"])
     points = references.solutions.points
+    assert part["K"] == len(split) == len(part["sizes"]) and 0 < part["choice_s"] < 1e-4
+    assert part["stripe"] == stripe(split, points, of_forces)
     cut = regular.choice.cut[0]
     assert near_borders(regular, np.array([[50.0, cut + 0.05]])).all()
     assert near_borders(regular, points).mean() < 0.5
     # twice as wrong by a border
     wrong = np.where(near_borders(regular, points), 2.0, 1.0)
     assert stripe(regular, points, wrong) == 2.0 and np.isnan(stripe(regular, points[:1], wrong[:1]))
-
-
-def test_no_set_of_two_scenes(training):
-    """Loads that act elsewhere, and models with and without bounds."""
-    other = dataclasses.replace(training.full_order.scene.loads[0], amplitude=slope("P1", 0.5))
-    scene = dataclasses.replace(training.full_order.scene, loads=(other,))
-    another = hhr.train(scene, (3, 3), held_out=0, comm=MPI.COMM_SELF).build(AS_IT_IS, checked=False)
-    models = [
-        training.build(recipe, checked=False) for recipe in (AS_IT_IS, dataclasses.replace(AS_IT_IS, bound=False))
-    ]
-    for wrong in (another, models[1]):
-        with pytest.raises(hhr.errors.ReductionError, match="scene"):
-            hhr.LocalModels([models[0], wrong], one_cut(1, 3.0, (0.0, 0.0)))
 
 
 def test_solutions_that_do_not_move():
@@ -247,45 +228,27 @@ def test_the_best_recipe_that_fits(training):
         training.local(hhr.Clusters(2, modes=3), recipe=fine)
 
 
-def test_checked_as_one_model(training, caplog):
+def test_checked_as_one_model(training):
     """Each is held against answers of the full model in its own part."""
-    caplog.set_level(logging.INFO, "hhr_dolfinx")
-    local = training.local(
-        hhr.Splitting(modes=60, checks=20, rounds=0, most=2), recipe=hhr.Recipe(hhr.Pod(1e-11, relative=True))
-    )
-    for model in local.models:
-        assert model.offline.comparison is not None
+    fine = hhr.Recipe(hhr.Pod(1e-11, relative=True))
+    local = training.local(hhr.Splitting(modes=60, checks=20, rounds=0, most=2), recipe=fine)
+    assert all(model.offline.comparison is not None for model in local.models)
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        lambda: hhr.Splitting(modes=1),
-        lambda: hhr.Splitting(forces=0.0),
-        lambda: hhr.Splitting(overlap=-0.1),
-        lambda: hhr.Splitting(checks=2.5),
-        lambda: hhr.Splitting(conditions=0),
-        lambda: hhr.Splitting(strip=float("nan")),
-        lambda: hhr.Clusters(0),
-        lambda: hhr.Clusters(3, overlap=2),
-        lambda: hhr.Clusters(3, modes=0),
-        lambda: hhr.Clusters(3, others=AS_IT_IS),
-        lambda: hhr.Splitting(seed=2**70),
-    ],
-)
-def test_wishes_that_cannot_be(how):
-    with pytest.raises(StudyError):
-        how()
+BAD = {"modes": 1, "forces": 0.0, "overlap": -0.1, "checks": 2.5, "conditions": 0, "strip": np.nan, "seed": 2**70}
 
 
-def test_ways_that_are_none(training):
-    for how in (3, "regular", hhr.Splitting):
-        with pytest.raises(StudyError, match="Splitting"):
-            training.local(how)
-    with pytest.raises(StudyError, match="recipe"):
-        training.local(hhr.Clusters(2), recipe=3)
-
-
-def test_more_clusters_than_solutions(training):
-    with pytest.raises(hhr.errors.ReductionError, match="clusters"):
-        training.local(hhr.Clusters(200), recipe=AS_IT_IS)
+def test_wishes_that_cannot_be(training):
+    bad = {"overlap": 2, "modes": 0, "others": AS_IT_IS}.items()
+    clusters = ({"count": 0}, *({"count": 3, name: value} for name, value in bad))
+    for kind, cases in ((hhr.Splitting, [{name: value} for name, value in BAD.items()]), (hhr.Clusters, clusters)):
+        for given in cases:
+            with pytest.raises(StudyError):
+                kind(**given)
+    for how, recipe, error, why in (
+        *((way, None, StudyError, "Splitting") for way in (3, "regular", hhr.Splitting)),
+        (hhr.Clusters(2), 3, StudyError, "recipe"),
+        (hhr.Clusters(200), AS_IT_IS, ReductionError, "clusters"),
+    ):
+        with pytest.raises(error, match=why):
+            training.local(how, recipe=recipe)

@@ -43,23 +43,11 @@ def spd(rows):
 # ---------------------------------------------------------------- closed forms
 
 
-def test_planes_in_space():
-    """The dihedral angle, and zero for the line that they share."""
-    floor = np.eye(3)[:, :2]
-    for angle in (0.3, 1e-10, np.pi / 2):
-        tilted = np.column_stack([[1.0, 0, 0], [0, np.cos(angle), np.sin(angle)]])
-        assert principal_angles(floor, tilted) == pytest.approx([0, angle], abs=1e-15)
-        assert grassmann_distance(floor, tilted) == pytest.approx(angle, rel=1e-12)
-        assert chordal_distance(floor, tilted) == pytest.approx(np.sin(angle), rel=1e-12)
-
-
 def test_known_angles_to_the_last_digits_in_any_basis_of_the_spaces():
     first, second = turned(ANGLES)
-    assert principal_angles(first, second) == pytest.approx(ANGLES, abs=3e-15)
-    assert principal_angles(second, first) == pytest.approx(ANGLES, abs=3e-15)
-    for _ in range(3):
-        other = first @ orthonormal(6, 6), second @ orthonormal(6, 6)
-        assert principal_angles(*other) == pytest.approx(ANGLES, abs=3e-15)
+    others = [(first @ orthonormal(6, 6), second @ orthonormal(6, 6)) for _ in range(3)]
+    for pair in ((first, second), (second, first), *others):
+        assert principal_angles(*pair) == pytest.approx(ANGLES, abs=3e-15)
     assert grassmann_distance(first, second) == pytest.approx(np.linalg.norm(ANGLES), rel=1e-14)
     assert chordal_distance(first, second) == pytest.approx(np.linalg.norm(np.sin(ANGLES)), rel=1e-14)
 
@@ -83,9 +71,8 @@ def test_distances_of_bases_are_those_of_each_pair():
     first, second = turned(ANGLES[:4] * 0.01)
     bases = [first, second, orthonormal(40, 4), orthonormal(40, 2), first[:, :1], second[:, [0, 2]], first]
     found = basis_distances(bases)
-    for i, one in enumerate(bases):
-        for j, other in enumerate(bases):
-            assert found[i, j] == pytest.approx(grassmann_distance(one, other), abs=1e-13)
+    expected = [[grassmann_distance(one, other) for other in bases] for one in bases]
+    assert found == pytest.approx(np.array(expected), abs=1e-13)
     assert found[0, 1] == pytest.approx(np.linalg.norm(ANGLES[:4] * 0.01), rel=1e-10)
     assert found[0, 6] < 1e-14  # cosines would say 1e-8
 
@@ -216,20 +203,17 @@ def test_snapshots_without_direction_are_refused():
     columns[1, 2] = np.inf
     with pytest.raises(ReductionError, match=r"columns \[2\] of columns are not finite"):
         snapshot_distances(columns)
-    with pytest.raises(ReductionError, match="not positive"):
-        snapshot_distances(np.eye(3), -np.eye(3))
-    with pytest.raises(ReductionError, match="shape"):
-        snapshot_distances(np.eye(3), np.eye(2))
+    for gram, why in ((-np.eye(3), "not positive"), (np.eye(2), "shape")):
+        with pytest.raises(ReductionError, match=why):
+            snapshot_distances(np.eye(3), gram)
 
 
 def test_theorem_9_refuses_what_it_is_not_on():
     good = np.eye(4)[:, :2]
-    for weights in ([1.0], [1.0, np.nan], 1.0):
-        with pytest.raises(ReductionError, match=r"must be 2 finite numbers"):
-            theorem_9(good, good, np.array(weights))
-    for factor in (0.0, np.nan, np.inf):
-        with pytest.raises(ReductionError, match="1 \\+ M_a"):
-            theorem_9(good, good, np.ones(2), factor)
+    weights = [((np.array(bad), 1.0), "must be 2 finite numbers") for bad in ([1.0], [1.0, np.nan], 1.0)]
+    for given, why in (*weights, *(((np.ones(2), factor), r"1 \+ M_a") for factor in (0.0, np.nan, np.inf))):
+        with pytest.raises(ReductionError, match=why):
+            theorem_9(good, good, *given)
 
 
 # ---------------------------------------------------------------- figure 2.13

@@ -41,6 +41,8 @@ def test_one_modulus_is_held_against_its_inverse(levels):
         exact = inverse(places)
         expected = np.abs(BarycentricInterpolator(x, inverse(x))(places) - exact).max() / exact.max()
         assert FormulaGrid((modulus,), factor, axes, SPACE).error(numbers) == pytest.approx(expected, rel=1e-6)
+    # along what no formula depends on one node is enough
+    assert FormulaGrid((modulus,), None, np.array([0]), SPACE).error(np.array([[0]])) == 0.0
 
 
 @pytest.mark.parametrize("count", [2, 5, 40])
@@ -58,11 +60,6 @@ def test_an_error_is_the_same_number_each_time():
     modulus = Modulus("2 + t", "1 + 3 * t**2", SPACE.names)
     part = PartStiffness([modulus], None, 1, 0.0, 1.0, np.array([0.5, 0.5]), False)
     assert len({part.error(9) for _ in range(20)}) == 1 and 0 < part.error(9) < 1e-3
-
-
-def test_what_no_formula_depends_on_is_resolved_by_one_node():
-    modulus = Modulus("2 + t", "1", SPACE.names)
-    assert FormulaGrid((modulus,), None, np.array([0]), SPACE).error(np.array([[0]])) == 0.0
 
 
 def test_a_spike_between_all_nodes_is_said(spiked):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs, present
+from scenes import space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -26,32 +27,25 @@ from hhr_dolfinx.plugins.one_call import attempts, search
 from hhr_dolfinx.plugins.one_call.target import Errors, Target
 from hhr_dolfinx.reduction.reductor import POINTS
 
-PATHS = {"push": 0.0, "load": 0.0}
-
 
 def worst(model, full, count, names):
     """Largest errors at fresh points, by the formulas of the docstrings, floors of a thousandth of the largest size."""
-    problem = full.problem
-    areas = problem.contact_areas
-    rows = {name: [] for name in names}
-    sizes = {name: [] for name in names}
+    values = {
+        "pressure": lambda item: item.forces() / full.problem.contact_areas,
+        "forces": lambda item: item.forces(),
+        "displacement": lambda item: item.displacement(),
+        "peak": lambda item: np.array([item.outputs()["peak"]]),
+    }
+    rows = []
     for point in full.parameters.random(count, 99):
         exact, found = full.solve(point), model.solve(point)
-        stiffness = problem.at(point).stiffness
-        energy = lambda field: math.sqrt(field @ (stiffness @ field))  # noqa: E731
-        norms = {
-            "pressure": lambda item: item.forces() / areas,
-            "forces": lambda item: item.forces(),
-            "displacement": lambda item: item.displacement(),
-            "peak": lambda item: np.array([item.outputs()["peak"]]),
-        }
-        for name in names:
-            size = {"displacement": energy, "forces": np.linalg.norm}.get(name, lambda values: np.abs(values).max())
-            there = norms[name](exact)
-            rows[name].append(size(norms[name](found) - there))
-            sizes[name].append(size(there))
-    floors = {name: 1e-3 * max(values) for name, values in sizes.items()}
-    return {name: max(e / max(s, floors[name]) for e, s in zip(rows[name], sizes[name], strict=True)) for name in names}
+        stiffness = full.problem.at(point).stiffness
+        norms = {"displacement": lambda field, k=stiffness: math.sqrt(field @ (k @ field)), "forces": np.linalg.norm}
+        sizes = [norms.get(name, lambda values: np.abs(values).max()) for name in names]
+        there, given = ([values[name](item) for name in names] for item in (exact, found))
+        rows.append([(size(b - a), size(a)) for size, a, b in zip(sizes, there, given, strict=True)])
+    errors, sizes = np.moveaxis(np.array(rows), -1, 0)
+    return dict(zip(names, (errors / np.maximum(sizes, 1e-3 * sizes.max(axis=0))).max(axis=0), strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +59,7 @@ def test_a_constant_stiffness_is_condensed_exactly():
     (only,) = model.reduction.tried
     assert model.reduction.met and only.method == "condensed" and only.full_answers == search.SURE
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    found = worst(model, full, 20, ("pressure", "displacement", "peak"))
-    assert max(found.values()) < 1e-9
+    assert max(worst(model, full, 20, ("pressure", "displacement", "peak")).values()) < 1e-9
 
 
 @needs("moduli")
@@ -75,10 +68,8 @@ def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
     names = ("pressure", "forces", "displacement", "peak")
     model = hhr.reduce(varying, error, of=names)
     assert model.reduction.met
-    found = worst(model, varying, 50, names)
-    assert max(found.values()) <= error
-    known = model.reduction.tried[model.reduction.chosen].errors
-    assert set(known) == set(names)
+    assert max(worst(model, varying, 50, names).values()) <= error
+    assert set(model.reduction.tried[model.reduction.chosen].errors) == set(names)
 
 
 @needs("moduli")
@@ -91,8 +82,7 @@ def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
     monkeypatch.setattr(condense, "ALONG_NODES", (1, 1))
     model = hhr.reduce(varying, 1e-3, of="displacement")
     first, *_, last = model.reduction.tried
-    assert not first.met
-    assert last.met and "checks too" in last.setting
+    assert not first.met and last.met and "checks too" in last.setting
     assert worst(model, varying, 50, ["displacement"])["displacement"] <= 1e-3
 
 
@@ -121,8 +111,7 @@ def test_many_conditions_are_tried_both_ways(monkeypatch):
 
 @needs("friction")
 def test_friction_without_paths_is_asked_at_points():
-    scene = contract.blocks(friction=hhr.Coulomb(0.3))
-    model = hhr.reduce(scene, 0.01, of="pressure")
+    model = hhr.reduce(contract.blocks(friction=hhr.Coulomb(0.3)), 0.01, of="pressure")
     assert model.reduction.met and model.law.plugin
 
 
@@ -146,16 +135,10 @@ def test_bodies_that_flow_are_answered_along_paths():
 
 
 @needs("moduli")
-@pytest.mark.parametrize(
-    ("budget", "said"),
-    [
-        (hhr.Budget(bytes=100), "are allowed"),
-        (hhr.Budget(seconds=1e-9), "are over"),
-    ],
-)
-def test_a_budget_that_is_too_small_is_said(budget, said, varying):
+@pytest.mark.parametrize(("limit", "said"), [({"bytes": 100}, "are allowed"), ({"seconds": 1e-9}, "are over")])
+def test_a_budget_that_is_too_small_is_said(limit, said, varying):
     with pytest.raises(StudyError, match=said):
-        hhr.reduce(varying, 0.01, budget=budget)
+        hhr.reduce(varying, 0.01, budget=hhr.Budget(**limit))
 
 
 @needs("moduli")
@@ -172,8 +155,7 @@ def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", lambda context: list(hyper_reduced(context))[:2])
     with pytest.warns(StabilityWarning, match="is not met: nothing more is known to be tried"):
         model = hhr.reduce(varying, 1e-12, of="forces")
-    tried = model.reduction.tried
-    assert model.reduction.chosen == min(range(2), key=lambda k: tried[k].errors["forces"])
+    assert model.reduction.chosen == np.argmin([item.errors["forces"] for item in model.reduction.tried])
     assert str(model.reduction).count("\n") == 3 and "->" in str(model.reduction)
 
 
@@ -208,9 +190,7 @@ def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
     [
         ({"error": 0}, ParameterError, r"error = 0 of a wish"),
         ({"error": math.nan}, ParameterError, "must lie in"),
-        ({"of": "stress"}, ParameterError, "no error that is known here"),
-        ({"of": ()}, ParameterError, "no error that is known here"),
-        ({"of": 3}, ParameterError, "no error that is known here"),
+        *(({"of": of}, ParameterError, "no error that is known here") for of in ("stress", (), 3)),
         ({"budget": 60}, StudyError, r"hhr\.Budget\(seconds=600\)"),
         ({"paths": [1]}, StudyError, "must be a PathFamily"),
         ({"seed": -1}, StudyError, "seed"),
@@ -230,9 +210,8 @@ def test_what_is_no_scene_and_paths_that_miss_are_refused():
         with pytest.raises(NotOfferedError, match=r"give paths=hhr.PathFamily"):
             hhr.reduce(contract.blocks(law=hhr.Plasticity(1.0)))
     scene = contract.blocks()
-    family = hhr.PathFamily(
-        "all", scene.parameters, scene.parameters, PATHS | {"push": 0.01}, (hhr.Leg({"push": "push"}, 1.0, 2),)
-    )
+    box, leg = scene.parameters, hhr.Leg({"push": "push"}, 1.0, 2)
+    family = hhr.PathFamily("all", box, box, {"push": 0.01, "load": 0.0}, (leg,))
     with pytest.raises(StudyError, match="do not depend on paths"):
         hhr.reduce(scene, paths=family)
 
@@ -248,14 +227,11 @@ def test_a_budget_is_checked(limits):
 @needs("moduli")
 def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
     """A gap that is closed everywhere, and a moment whose terms cancel."""
-    outputs = (*contract.blocks().outputs, hhr.GapAt("gap", 0, (1.5, 1.0)))
-    scene = dataclasses.replace(contract.blocks(box={"push": (0.03, 0.06)}), outputs=outputs)
-    model = hhr.reduce(scene, 0.01, of=("pressure", "gap"))
-    assert model.reduction.met and len(model.reduction.tried) == 1
-    turned = hhr.ContactMoment("moment", 0, about=(1.5, 1.0))
-    scene = contract.blocks(("E1", 0.3), box=contract.MODULI | {"load": (0.0, 1e-9)})
-    scene = dataclasses.replace(scene, outputs=(turned,))
-    assert hhr.reduce(scene, 0.01, of=("forces", "moment")).reduction.met
+    closed = contract.blocks(box={"push": (0.03, 0.06)}), hhr.GapAt("gap", 0, (1.5, 1.0))
+    turned = contract.blocks(("E1", 0.3), box=contract.MODULI | {"load": (0.0, 1e-9)})
+    for scene, output, of in ((*closed, "pressure"), (turned, hhr.ContactMoment("moment", 0, (1.5, 1.0)), "forces")):
+        found = hhr.reduce(dataclasses.replace(scene, outputs=(output,)), 0.01, of=(of, output.name)).reduction
+        assert found.met and (scene is turned or len(found.tried) == 1)
 
 
 @needs("moduli")
@@ -264,17 +240,17 @@ def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     finer = hhr.condense(varying, fields=True)  # by what its bound interpolates, which knows its error
-
-    def known_of(model, **known):
-        return dataclasses.replace(model.offline, facts=dataclasses.replace(model.offline.facts, **known))
-
-    finer.offline = known_of(finer, surpluses=[0.004])
-    assert finer.offline.finer and search._unresolved(finer) == 0.0
     model = hhr.condense(varying, GridSettings(), fields=True)
+
+    def unresolved(model, **known):
+        model.offline = dataclasses.replace(model.offline, facts=dataclasses.replace(model.offline.facts, **known))
+        return search._unresolved(model)
+
     assert not model.offline.finer and search._unresolved(model) == 0.0
-    for known in ({"surpluses": [0.004]}, {"unresolved": 0.004}):
-        model.offline = known_of(model, **({"surpluses": [0.0], "unresolved": 0.0} | known))
-        assert search._unresolved(model) == pytest.approx(search.UNRESOLVED * 0.004)
+    assert finer.offline.finer and unresolved(finer, surpluses=[0.004]) == 0.0
+    for known in ((0.004, 0.0), (0.0, 0.004)):
+        found = unresolved(model, surpluses=known[:1], unresolved=known[1])
+        assert found == pytest.approx(search.UNRESOLVED * 0.004)
 
 
 @needs("moduli")
@@ -290,8 +266,7 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
 @needs("moduli")
 def test_what_is_never_offered_is_tried_once():
     """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
-    scene = contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)})
-    model = hhr.reduce(scene, 0.05, of="forces")
+    model = hhr.reduce(contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)}), 0.05, of="forces")
     refused = [item for item in model.reduction.tried if item.method == "condensed"]
     assert len(refused) == 1 and refused[0].outcome.startswith("refused: contact alone holds")
 
@@ -300,21 +275,18 @@ def test_what_is_never_offered_is_tried_once():
 def test_nothing_that_moves_is_named():
     """Surfaces that never meet: forces are zero, and displacements those that are imposed."""
     scene = contract.blocks(("E1", 0.3), box=contract.MODULI)
-    still = dataclasses.replace(
-        scene, loads=(), outputs=(), openings=(hhr.Opening(0, hhr.Amplitude(0.5)),),
-        parameters=hhr.ParameterSpace(("push", "E1"), (0.005, 1.0), (0.06, 6.0)),
-    )  # fmt: skip
-    with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"):
-        with pytest.warns(SceneWarning, match="nothing touches in any of 36 answers of the full model"):
-            hhr.reduce(still, 0.01, of="forces")
+    box, opened = space(push=(0.005, 0.06), E1=(1.0, 6.0)), (hhr.Opening(0, hhr.Amplitude(0.5)),)
+    still = dataclasses.replace(scene, loads=(), outputs=(), openings=opened, parameters=box)
+    warned = pytest.warns(SceneWarning, match="nothing touches in any of 36 answers of the full model")
+    with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"), warned:
+        hhr.reduce(still, 0.01, of="forces")
 
 
 @needs("small_strains")
 @pytest.mark.parametrize(("push", "said"), [(0.5, "strain"), (5.0, r"at push = .*: a strain of .*narrow it")])
 def test_large_strains_are_told_of(push, said):
-    box = hhr.ParameterSpace(("push", "load"), (0.9 * push, 0.0), (push, 0.1))
     with pytest.warns(SmallStrainWarning, match=said):
-        hhr.reduce(dataclasses.replace(contract.blocks(), parameters=box), 0.01, of="forces")
+        hhr.reduce(contract.blocks(box={"push": (0.9 * push, push)}), 0.01, of="forces")
 
 
 @needs("shapes")

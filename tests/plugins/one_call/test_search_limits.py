@@ -3,9 +3,9 @@
 Seconds are those of a clock that the tests move themselves: nothing here depends on the machine.
 """
 
-import dataclasses
 import itertools
 import json
+from types import SimpleNamespace
 from unittest.mock import Mock
 
 import contract
@@ -14,6 +14,7 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from scenes import pair_scene
+from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
@@ -29,21 +30,12 @@ VARIES = contract.blocks((3.0, "nu"), box={"nu": (0.1, 0.4)})
 """Its compliance is interpolated along nu: the fewest solutions are three of the lower block, and one of the upper."""
 
 
-class Clock:
-    """Seconds that full answers and compliances take."""
-
-    def __init__(self, answer, compliance):
-        self.now = 0.0
-        self.answer, self.compliance = answer, compliance
-        self.answers = self.compliances = 0
-
-
 @pytest.fixture
 def clocked(monkeypatch):
-    """Makes a clock that full answers and compliances move."""
+    """Makes a clock that full answers and compliances move, by the seconds that each takes."""
 
-    def made(answer, compliance):
-        clock = Clock(answer, compliance)
+    def made(answer=1.0, compliance=1.0):
+        clock = SimpleNamespace(now=0.0, answer=answer, compliance=compliance, answers=0, compliances=0)
         plain, solved = hhr.FullOrderModel.solve, Solver._solved
 
         def solve(*given, **how):
@@ -69,11 +61,15 @@ def kept(folder):
     return json.loads((folder / "reduction.json").read_text())
 
 
+def reduced(scene=VARIES, error=0.01, of="forces", progress=unannounced, **how):
+    return hhr.reduce(scene, error, of=of, progress=progress, **how)
+
+
 def test_what_is_not_affordable_is_not_done(clocked, tmp_path):
     """Compliances of 10 s each in 30 s: the first one shows that four are too many; 40 answers would be, too."""
     clock = clocked(answer=1.0, compliance=10.0)
     with pytest.raises(StudyError, match=r"there is no model: .*of the 30 s of the budget are left") as caught:
-        hhr.reduce(VARIES, 0.01, of="forces", budget=hhr.Budget(seconds=30), folder=tmp_path, progress=unannounced)
+        reduced(budget=hhr.Budget(seconds=30), folder=tmp_path)
     assert (clock.answers, clock.compliances) == (1, 1) and clock.now == 11.0
     said = [item["outcome"] for item in kept(tmp_path)["tried"]]
     assert said[0].startswith("not affordable: stage 'compliances' would take about 30 s more")
@@ -83,8 +79,7 @@ def test_what_is_not_affordable_is_not_done(clocked, tmp_path):
 
 
 def test_a_budget_holds_the_model_and_its_check(clocked):
-    clock = clocked(answer=1.0, compliance=1.0)
-    model = hhr.reduce(VARIES, 0.01, of="forces", budget=hhr.Budget(seconds=100), progress=unannounced)
+    clock, model = clocked(), reduced(budget=hhr.Budget(seconds=100))
     assert model.reduction.met and clock.now <= 100
     assert clock.answers == model.reduction.full_answers == context.SURE
 
@@ -94,7 +89,7 @@ def test_a_check_that_the_budget_cuts_short_does_not_count_as_met(clocked, monke
     monkeypatch.setattr(search, "_said", lambda *_: {})
     clock = clocked(answer=1.0, compliance=0.1)
     with pytest.warns(StabilityWarning, match="is not met"):
-        model = hhr.reduce(VARIES, 0.01, of="forces", budget=hhr.Budget(seconds=20), progress=unannounced)
+        model = reduced(budget=hhr.Budget(seconds=20))
     row = model.reduction.tried[model.reduction.chosen]
     assert clock.now <= 20 and clock.answers >= 15
     assert row.errors["forces"] <= 0.01 and not row.met
@@ -105,17 +100,14 @@ def test_answers_of_a_training_are_not_begun_that_cannot_be_checked(monkeypatch)
     made = attempts.attempts
     monkeypatch.setattr(search, "attempts", lambda found: (item for item in made(found) if item.method != "condensed"))
     with pytest.raises(StudyError, match=r"takes 40 full answers and its check 4 at least, and 35 of the 35"):
-        hhr.reduce(VARIES, 0.01, of="forces", budget=hhr.Budget(full_answers=35), progress=unannounced)
+        reduced(budget=hhr.Budget(full_answers=35))
 
 
 @pytest.mark.parametrize("family", [None, "paths"])
 def test_time_for_a_check_is_kept_back(clocked, family):
-    clock = clocked(1.0, 1.0)
-    full = hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
-    workers = dataclasses.make_dataclass("Workers", [("size", int)])(2)
-    made = context.SearchContext(
-        full, workers, search.Target(0.01, ("forces",)), hhr.Budget(seconds=100), family, 1, unannounced
-    )
+    clock, full = clocked(), hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
+    target, budget = search.Target(0.01, ("forces",)), hhr.Budget(seconds=100)
+    made = context.SearchContext(full, SimpleNamespace(size=2), target, budget, family, 1, unannounced)
     assert made.deadline == 100  # nothing is known of answers yet
     made.batches += [2.0, 2.0, 30.0]  # the first one factors
     assert made.deadline == 100 - 2.0 * context.FRESH / 2
@@ -134,7 +126,7 @@ def test_time_for_a_check_is_kept_back(clocked, family):
 
 def test_an_interrupted_search_goes_on_where_it_was(clocked, monkeypatch, tmp_path):
     """Ctrl-C in the third compliance: the first two are not solved for again, and the table says what was going on."""
-    clock = clocked(1.0, 1.0)
+    clock = clocked()
     solved = Solver._solved
 
     def interrupted(*given):
@@ -145,27 +137,25 @@ def test_an_interrupted_search_goes_on_where_it_was(clocked, monkeypatch, tmp_pa
     with monkeypatch.context() as patch:
         patch.setattr(Solver, "_solved", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            hhr.reduce(VARIES, 0.01, of="forces", folder=tmp_path, progress=unannounced)
+            reduced(folder=tmp_path)
     table = kept(tmp_path)
     assert [row["outcome"] for row in table["tried"]] == ["interrupted"] and not table["met"]
     assert len(list((tmp_path / "compliances").glob("*.npz"))) == 2
-    model = hhr.reduce(VARIES, 0.01, of="forces", folder=tmp_path, progress=unannounced)
-    whole = clock.compliances
-    clock.compliances = 0
-    fresh = hhr.reduce(VARIES, 0.01, of="forces", progress=unannounced)
+    model = reduced(folder=tmp_path)
+    whole, clock.compliances = clock.compliances, 0
+    fresh = reduced()
     assert whole == clock.compliances > 2  # those of both runs together are those of one
     point = VARIES.parameters.middle
     np.testing.assert_array_equal(model.solve(point).forces(), fresh.solve(point).forces())
     clock.compliances = 0
-    hhr.reduce(VARIES, 0.01, of="forces", folder=tmp_path, progress=unannounced)
+    reduced(folder=tmp_path)
     assert clock.compliances == 0 and kept(tmp_path)["met"]
 
 
 def test_compliances_of_another_stiffness_are_not_taken(clocked, tmp_path):
-    hhr.reduce(VARIES, 0.01, of="forces", folder=tmp_path, progress=unannounced)
+    reduced(folder=tmp_path)
     stiffer = contract.blocks((6.0, "nu"), box={"nu": (0.1, 0.4)})
-    clock = clocked(1.0, 1.0)
-    model = hhr.reduce(stiffer, 0.01, of="forces", folder=tmp_path, progress=unannounced)
+    clock, model = clocked(), reduced(stiffer, folder=tmp_path)
     assert clock.compliances > 0
     full = hhr.FullOrderModel(stiffer, MPI.COMM_SELF)
     point = stiffer.parameters.upper
@@ -178,7 +168,7 @@ def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypat
     refused = Mock(side_effect=BoundError("S is not resolved"))
     monkeypatch.setattr(condense, "between", refused)
     monkeypatch.setattr(condense, "varying_bound", refused)
-    model = hhr.reduce(VARIES, 0.05, of=of, progress=unannounced)
+    model = reduced(error=0.05, of=of)
     assert model.reduction.met and (model.fields.basis.shape[1] > 0) == made
     assert model.reduction.tried[0].known.startswith("40 fresh answers")
 
@@ -187,12 +177,10 @@ def test_a_bound_that_is_not_affordable_is_left_out(clocked):
     """Time for compliances and for a check of forty answers, and none for what a bound interpolates more finely."""
     clock = clocked(answer=0.1, compliance=1.0)
     before = []
-    hhr.reduce(
-        VARIES, 0.01, of="forces", progress=lambda stage, share: before.append(clock.now) if stage == "starts" else None
-    )
+    reduced(progress=lambda stage, share: before.append(clock.now) if stage == "starts" else None)
     alone, clock.now = before[0], 0.0
     budget = hhr.Budget(seconds=alone + 0.1 * context.FRESH + 1.5)
-    model = hhr.reduce(VARIES, 0.01, of="forces", budget=budget, progress=unannounced)
+    model = reduced(budget=budget)
     row = model.reduction.tried[model.reduction.chosen]
     assert model.reduction.met and row.method == "condensed" and clock.now <= budget.seconds
     assert model.fields.bound is None and row.known.startswith("40 fresh answers")
@@ -218,25 +206,18 @@ def failing(*reasons):
     def made(_):
         for method, given in reasons:
             for number, reason in enumerate(given):
-
-                def make(reason=reason):
-                    raise reason
-
-                yield Proposal(method, str(number), make)
+                yield Proposal(method, str(number), Mock(side_effect=reason))
 
     return made
 
 
 def test_a_search_without_a_model_leaves_its_table_and_each_reason_once(monkeypatch, tmp_path):
-    same = NotSolvableError("no eigenvalue of B B^T was found, and so there is no model of this kind")
-    other = NotSolvableError("the tangent is indefinite for 64 modes, and so there is no model of this kind")
-    ways = failing(
-        ("condensed", [NotSolvableError("bodies are held by contact alone")]), ("hhr", [other, same, same, same])
-    )
-    monkeypatch.setattr(search, "attempts", ways)
+    reasons = "no eigenvalue of B B^T was found", "the tangent is indefinite for 64 modes", "contact alone holds bodies"
+    same, other, alone = (NotSolvableError(f"{text}, and so there is no model of this kind") for text in reasons)
+    monkeypatch.setattr(search, "attempts", failing(("condensed", [alone]), ("hhr", [other, same, same, same])))
     with pytest.raises(StudyError) as caught:
-        hhr.reduce(VARIES, folder=tmp_path, progress=unannounced)
-    for reason in (same, other, "held by contact alone"):
+        reduced(folder=tmp_path)
+    for reason in (same, other, alone):
         assert str(caught.value).count(str(reason)) == 1
     found = vars(caught.value)["reduction"]
     # the fourth of its kind would end like the second and the third
@@ -249,17 +230,12 @@ def test_a_search_without_a_model_leaves_its_table_and_each_reason_once(monkeypa
 
 
 def test_the_command_leaves_the_table_too(monkeypatch, tmp_path):
-    click = pytest.importorskip("click.testing")
-    from hhr_dolfinx.command.main import hhr as command
-
     reason = "contact alone holds a body, and nothing else does"
     monkeypatch.setattr(search, "attempts", failing(("hhr", [NotSolvableError(reason)] * 5)))
     source = tmp_path / "blocks.py"
     source.write_text("import contract\n\nscene = contract.blocks()\n")
-    words = ["reduce", str(source), "--out", str(tmp_path / "out")]
-    result = click.CliRunner().invoke(command, words, prog_name="hhr")
-    assert result.exit_code == 3 and result.output.count(reason) == 1
-    assert "refused (1)" in result.output and "reduction.json" in result.output
+    code, said = invoke("reduce", source, "--out", tmp_path / "out")
+    assert code == 3 and said.count(reason) == 1 and "refused (1)" in said and "reduction.json" in said
     assert len(kept(tmp_path / "out")["tried"]) == 2
 
 
@@ -276,7 +252,7 @@ def test_what_geometry_forbids_is_tried_once():
         shapes=(hhr.Shape(2, ("x + away", "y")),),
     )  # fmt: skip
     with pytest.raises(StudyError, match="other nodes are in contact than in the middle of the box") as caught:
-        hhr.reduce(scene, 0.01, of="forces", progress=unannounced)
+        reduced(scene)
     found = vars(caught.value)["reduction"]
     assert len(found.tried) == 1 and found.full_answers == 0
 
@@ -284,7 +260,7 @@ def test_what_geometry_forbids_is_tried_once():
 @pytest.mark.parametrize("error", [1e-20, 9e-13])
 def test_an_error_below_round_off_is_refused(error):
     with pytest.raises(ParameterError, match=r"below 1e-12, to which answers of the full model are known"):
-        hhr.reduce(VARIES, error, of="forces")
+        reduced(error=error)
     assert search.Target.checked(1e-12, "forces", hhr.FullOrderModel(VARIES, MPI.COMM_SELF)).error == 1e-12
 
 
@@ -293,7 +269,7 @@ def test_an_error_below_round_off_is_refused(error):
 
 def test_stages_are_announced_with_the_share_that_is_done():
     heard = []
-    hhr.reduce(VARIES, 0.01, of="forces", progress=lambda stage, share: heard.append((stage, share)))
+    reduced(progress=lambda *stage_and_share: heard.append(stage_and_share))
     begun = [stage for stage, share in heard if share == 0]
     for stage in ("compliances", "starts", "fields", "bound", "4 fresh answers"):
         assert stage in begun

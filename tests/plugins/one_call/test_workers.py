@@ -22,9 +22,7 @@ import contract
 import hhr_dolfinx as hhr
 scene = contract.blocks(("E1", 0.3), free=True, box={{"E1": (2.0, 4.0)}})
 """
-SEARCH = (
-    SCENE
-    + """
+SEARCH = """
 import json
 from mpi4py import MPI
 model = hhr.reduce(scene, 0.02, of="forces", folder=sys.argv[1])
@@ -34,10 +32,7 @@ every = MPI.COMM_WORLD.gather([tried, forces])
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(every))
 """
-)
-FAILS = (
-    SCENE
-    + """
+FAILS = """
 from mpi4py import MPI
 full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
 if MPI.COMM_WORLD.rank == 1:
@@ -47,14 +42,13 @@ try:
 except Exception as error:
     print(f"{MPI.COMM_WORLD.rank}: {type(error).__name__}: {error}", flush=True)
 """
-)
 
 
 @needs("moduli")
 def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
     """What was tried and how exact it is, and the answers of the model, on both; full answers are kept by both."""
-    alone = json.loads(launch(1, ["-c", SEARCH, str(tmp_path / "one")]).splitlines()[-1])
-    both = json.loads(launch(2, ["-c", SEARCH, str(tmp_path / "two")]).splitlines()[-1])
+    said = (launch(ranks, ["-c", SCENE + SEARCH, str(tmp_path / name)]) for ranks, name in ((1, "one"), (2, "two")))
+    alone, both = (json.loads(text.splitlines()[-1]) for text in said)
     assert len(both) == 2 and both[0] == both[1]
     (tried, forces), (other, found) = alone[0], both[0]
     assert [item[:3] for item in tried] == [item[:3] for item in other] and tried[-1][1].endswith("training points")
@@ -69,7 +63,7 @@ def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
 @needs("moduli")
 def test_a_rank_that_fails_ends_a_search_in_words():
     """What is wrong with one rank is said by all, and none waits for it."""
-    run = run_program(2, ["-c", FAILS], limit=60)
+    run = run_program(2, ["-c", SCENE + FAILS], limit=60)
     assert run.stdout.count("failed on another rank: ZeroDivisionError: division by zero") == 2, run.stdout
     assert "0: RuntimeError" in run.stdout and "1: RankError" in run.stdout
 

@@ -54,9 +54,8 @@ def test_training_takes_corners_first_and_part_loads(count, corners):
     """All eight corners where half of the paths have room for them, else some, balanced in each parameter."""
     paths = family().training(count)
     assert len(paths) == count and paths == family().training(count)
-    lower, upper = np.array([OWN.lower, OWN.upper])
-    unit = np.array([[path.values[name] for name in OWN.names] for path in paths])
-    unit = (unit - lower) / (upper - lower)
+    values = np.array([[path.values[name] for name in OWN.names] for path in paths])
+    unit = (values - OWN.lower) / np.subtract(OWN.upper, OWN.lower)
     first = unit[:corners]
     assert np.isin(first, (0.0, 1.0)).all() and not np.isin(unit[corners:], (0.0, 1.0)).any()
     assert len({tuple(row) for row in first}) == corners
@@ -70,18 +69,12 @@ def test_training_takes_corners_first_and_part_loads(count, corners):
         share = path.values["part"]
         assert 0.1 <= share <= 1 and path.name.endswith(whole.name)
         assert points[:, 0] == pytest.approx(share * whole_points[:, 0]) and (points[:, 1] == points[0, 1]).all()
-        assert np.diff(points[:, 0]) / np.diff(times) == pytest.approx(
-            np.diff(whole_points[:, 0]) / np.diff(whole_times)
-        )
-
-
-@pytest.mark.parametrize("given", [(0,), (2.0,), (True,), (4, -1)])
-def test_training_on_no_number_of_paths(given):
-    with pytest.raises(ParameterError, match="must be a positive integer"):
-        family().training(*given)
+        assert np.diff(times) == pytest.approx(share * np.diff(whole_times))  # as fast as the whole path
 
 
 def test_legs_that_take_no_time_are_left_out():
+    """Steps by a formula are rounded, and one at least."""
+    assert [len(family().path([10.0, 0.0, back])) - 5 for back in (0.01, 0.3, 0.45, 1.0)] == [1, 1, 2, 4]
     assert arrays(family().path([10.0, 0.0, 0.5]))[0] == pytest.approx([0, 0.25, 0.5, 0.75, 1, 1.25, 1.5])
     assert len(family().path([10.0, 0.0, 0.0])) == 5
     # 1 - 0.9 - 0.1 is -3e-17, which is round-off of zero
@@ -90,10 +83,6 @@ def test_legs_that_take_no_time_are_left_out():
     (first, *_), other = family().path([10.0, 0.0, 0.5]), family().path([10.0, 0.0, 0.5])
     first[1][:] = 0.0
     assert other[0][1][1] == 0.01  # points are the path's own
-
-
-def test_steps_of_a_formula_are_rounded_and_one_at_least():
-    assert [len(family().path([10.0, 0.0, back])) - 5 for back in (0.01, 0.3, 0.45, 1.0)] == [1, 1, 2, 4]
 
 
 @pytest.mark.parametrize("sampling", [hhr.Sobol(12), hhr.LatinHypercube(5), hhr.Sobol(3, corners=True)])
@@ -109,11 +98,11 @@ def test_paths_are_drawn_as_points_are(sampling):
 
 def test_round_trips():
     one, path = family(), family().path([10.0, 3.0, 0.5])
-    for again in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one), eval(repr(one), vars(hhr) | globals())):
-        assert again == one and hash(again) == hash(one) and again.path([10.0, 3.0, 0.5]) == path
     data, tables = as_plain(one)
-    kinds = by_name([PathFamily, Leg, hhr.ParameterSpace])
-    assert not tables and restored(json.loads(json.dumps(data)), {}, kinds) == one
+    kept = restored(json.loads(json.dumps(data)), {}, by_name([PathFamily, Leg, hhr.ParameterSpace]))
+    assert not tables
+    for again in (pickle.loads(pickle.dumps(one)), copy.deepcopy(one), eval(repr(one), vars(hhr) | globals()), kept):
+        assert again == one and hash(again) == hash(one) and again.path([10.0, 3.0, 0.5]) == path
     for again in (pickle.loads(pickle.dumps(path)), copy.deepcopy(path)):
         assert again == path and type(again) is NamedPath and again.values == path.values
     assert path != family().path([10.0, 3.0, 0.6]) and path != list(path)
@@ -165,18 +154,19 @@ def test_legs_that_are_none(given, message):
 
 
 @pytest.mark.parametrize(("call", "given", "message"), [
-    ("path", [20.0, 0.0, 0.0], r"family of paths 'down': gap = 20 is outside \[5, 15\]"),
-    ("path", [np.nan, 0.0, 0.0], "gap = nan is not finite"),
-    ("path", [10.0], "'down': expected 3 parameters"),
-    ("path", {"gap": 10.0, "hold": 1.0}, r"'down': 'back' is missing: the names do not match"),
-    ("paths", np.ones(3), r"'down': points have the shape \(3,\)"),
-    ("paths", hhr.Sobol, "'down': a table of points needs numbers in columns .*Sobol"),
-    ("paths", 12, "'down': points have the shape"),
-    ("paths", [[10.0, 0.0, 2.0]], "'down': row 0: back = 2 is outside"),
+    ("path", ([20.0, 0.0, 0.0],), r"family of paths 'down': gap = 20 is outside \[5, 15\]"),
+    ("path", ([np.nan, 0.0, 0.0],), "gap = nan is not finite"),
+    ("path", ([10.0],), "'down': expected 3 parameters"),
+    ("path", ({"gap": 10.0, "hold": 1.0},), r"'down': 'back' is missing: the names do not match"),
+    ("paths", (np.ones(3),), r"'down': points have the shape \(3,\)"),
+    ("paths", (hhr.Sobol,), "'down': a table of points needs numbers in columns .*Sobol"),
+    ("paths", (12,), "'down': points have the shape"),
+    ("paths", ([[10.0, 0.0, 2.0]],), "'down': row 0: back = 2 is outside"),
+    *(("training", given, "must be a positive integer") for given in ((0,), (2.0,), (True,), (4, -1))),
 ])  # fmt: skip
 def test_points_that_are_none(call, given, message):
     with pytest.raises(ParameterError, match=message):
-        getattr(family(), call)(given)
+        getattr(family(), call)(*given)
 
 
 def test_times_that_do_not_increase():
@@ -194,8 +184,7 @@ def test_the_families_of_the_pellet():
     assert list(found) == ["loading", "held", "reloaded", "paced", "combined"]
     for gap in (5.0, 12.5):
         path = found["loading"].path({"gap": gap, "height": demo.HEIGHT})
-        for (time, point), (there, target) in zip(path, demo.path(gap), strict=True):
-            assert time == there and np.array_equal(point, target)
+        assert all(np.array_equal(*pair) for pair in zip(arrays(path), arrays(demo.path(gap)), strict=True))
     rest = dict.fromkeys(("hold", "back", "again", "log_pace"), 0.0)
     for name, values in (("loading", {}), ("held", {"hold": 3.0}), ("paced", {"log_pace": -0.7}),
                          ("reloaded", {"back": 0.6, "again": 0.5})):  # fmt: skip
@@ -241,17 +230,13 @@ def test_training_and_studies_take_them(tmp_path):
 
 
 @needs("inelastic", "studies")
-def test_tests_without_names():
+def test_what_is_no_list_of_paths_or_has_no_names():
     path = pushed(block()).path([0.1, 0.0])
     for given, message in (([path, list(path)], "tests[1] has no name to label it by: give tests={label: path, ...}"),
                            ([path, path], f"two tests are called {path.name!r}"),
                            ("text", "tests[0] has no name")):  # fmt: skip
         with pytest.raises(StudyError, match=re.escape(message)):
             hhr.StudySettings([path], tests=given)
-
-
-@needs("inelastic")
-def test_a_sampling_or_a_family_is_no_list_of_paths():
     for given in (hhr.Sobol(4), pushed(block())):
         with pytest.raises(StudyError, match=r"train on a list of paths, such as family.paths\(Sobol\(12\)\)"):
             hhr.train(block(), given)
