@@ -8,6 +8,7 @@ import re
 import warnings
 
 import gmsh
+import meshio
 import numpy as np
 import pytest
 from dolfinx import io
@@ -158,32 +159,11 @@ def nastran():
     return "\n".join([*rows, "ENDDATA", ""])
 
 
-def gmsh_without_groups():
-    rows = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(POINTS))]
-    rows += [f"{k} {x} {y} {z}" for k, (x, y, z) in enumerate(POINTS, 1)]
-    rows += ["$EndNodes", "$Elements", str(len(CUBES) + len(FACES))]
-    rows += [f"{k} 3 2 0 {n} " + " ".join(map(str, face)) for k, (n, face) in enumerate(FACES.items(), 1)]
-    rows += [f"{k + 4} 5 2 0 {k} " + " ".join(map(str, cube)) for k, cube in enumerate(CUBES, 1)]
-    return "\n".join([*rows, "$EndElements", ""])
-
-
-def vtu(**arrays):
-    cells = [*CUBES, *FACES.values()]
-    ends = np.cumsum([len(cell) for cell in cells]).tolist()
-
-    def array(kind, name, values, more=""):
-        numbers = " ".join(map(str, values))
-        return f'<DataArray type="{kind}" Name="{name}" format="ascii"{more}>{numbers}</DataArray>'
-
-    return (
-        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>'
-        f'<Piece NumberOfPoints="{len(POINTS)}" NumberOfCells="{len(cells)}">'
-        "<Points>" + array("Float64", "Points", np.ravel(POINTS), ' NumberOfComponents="3"') + "</Points><Cells>"
-        + array("Int64", "connectivity", [k - 1 for cell in cells for k in cell]) + array("Int64", "offsets", ends)
-        + array("UInt8", "types", [12, 12, 9, 9, 9, 9]) + "</Cells><CellData>"
-        + "".join(array("Float64" if name == "heat" else "Int64", name, values) for name, values in arrays.items())
-        + "</CellData></Piece></UnstructuredGrid></VTKFile>"
-    )  # fmt: skip
+def by_meshio(path, **arrays):
+    blocks = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
+    data = {name: [np.array(values[:2]), np.array(values[2:])] for name, values in arrays.items()}
+    meshio.write(path, meshio.Mesh(np.array(POINTS), blocks, cell_data=data), {".msh": "gmsh22"}.get(path.suffix))
+    return path
 
 
 def unv(data_set):
@@ -214,14 +194,14 @@ def su2():
     return "\n".join([*rows, ""])
 
 
+TWO_ARRAYS = {"rank": [0, 1, 0, 0, 1, 1], "marker": NUMBERS}
 MARKERS = {
     "properties of Nastran": ("c.bdf", nastran(), NUMBERS),
-    "entities of gmsh": ("c.msh", gmsh_without_groups(), NUMBERS),
-    "an array of any name": ("c.vtu", vtu(marker=NUMBERS), NUMBERS),
+    "entities of gmsh": ("c.msh", {"gmsh:physical": [0] * 6, "gmsh:geometrical": NUMBERS}, NUMBERS),
+    "an array of any name": ("c.vtu", {"marker": NUMBERS}, NUMBERS),
     "numbers beside ghosts and a field": (
-        "c.vtu", vtu(part=NUMBERS, vtkGhostType=[0] * 6, heat=[0.5] * 6), NUMBERS),
-    "one of two arrays": ("c.vtu", vtu(rank=[0, 1, 0, 0, 1, 1], marker=NUMBERS),
-                          ("marker:1", 2, 11, 12, 13, 14)),
+        "c.vtu", {"part": NUMBERS, "vtkGhostType": [0] * 6, "heat": [0.5] * 6}, NUMBERS),
+    "one of two arrays": ("c.vtu", TWO_ARRAYS, ("marker:1", 2, 11, 12, 13, 14)),
     "data set 2467": ("c.unv", unv(2467), NAMES),
     "data set 2477": ("c.unv", unv(2477), NAMES),
     "markers of SU2": ("c.su2", su2(), (1, None, *NAMES[2:])),
@@ -230,14 +210,14 @@ MARKERS = {
 
 @pytest.mark.parametrize("what", MARKERS)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
-    name, text, names = MARKERS[what]
-    assert pressure(written(tmp_path / name, text), names) == pytest.approx(10.0, rel=1e-9)
+    name, held, names = MARKERS[what]
+    path = written(tmp_path / name, held) if isinstance(held, str) else by_meshio(tmp_path / name, **held)
+    assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
 
 
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
-    path = written(tmp_path / "c.vtu", MARKERS["one of two arrays"][1])
     with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
-        pressure(path)
+        pressure(by_meshio(tmp_path / "c.vtu", **TWO_ARRAYS))
 
 
 def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
@@ -346,17 +326,13 @@ def test_xdmf_without_its_numbers(tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
-def exodus(path, form):
+@pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
+def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
     """Blocks of hexahedra, of faces and of a line, as meshio and MOOSE write them."""
     blocks = {1: ("HEX8", [CUBES[0]]), 5: ("BAR2", [(1, 16)]), 2: ("HEX8", [CUBES[1]])}
     blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items() if n != 14}
     # side 6 of the third element of the file, which is the second hexahedron
-    return write_exodus(path, POINTS, blocks, {14: [(3, 6)]}, form=form)
-
-
-@pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
-def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
-    path = exodus(tmp_path / "c.e", kind)
+    path = write_exodus(tmp_path / "c.e", POINTS, blocks, {14: [(3, 6)]}, form=kind)
     assert pressure(path) == pytest.approx(10.0, rel=1e-9)
     assert reasons(path) == {5: "a block of 1 elements of type BAR2, which are no cells"}
 
@@ -435,25 +411,11 @@ def test_common_sides_with_nodes_at_two_places_are_named(kind, tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
-LAME = {
-    "a node of a side that is a corner": (
-        nodes_of_deck([(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)])
-        + "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n",
-        "a node in the middle that is that of another side or a corner of a cell",
-    ),
-
-    "a hexahedron that is a wedge": (
-        nodes_of_deck(POINTS[:8]) + "*ELEMENT, TYPE=C3D8, ELSET=A\n1, 1, 2, 3, 3, 5, 6, 7, 7\n",
-        "have a node twice",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", LAME)
-def test_cells_that_do_not_fit_are_refused_before_dolfinx_sees_them(what, tmp_path):
-    text, message = LAME[what]
-    with pytest.raises(FileContentError, match=message):
-        hhr.MeshFile(written(tmp_path / "lame.inp", text))(MPI.COMM_SELF)
+def test_a_node_of_a_side_that_is_a_corner_is_refused_before_dolfinx_sees_it(tmp_path):
+    places = [(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)]
+    cells = "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n"
+    with pytest.raises(FileContentError, match="that is that of another side or a corner of a cell"):
+        hhr.MeshFile(written(tmp_path / "lame.inp", nodes_of_deck(places) + cells))(MPI.COMM_SELF)
 
 
 BEAM = DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0]
