@@ -1,20 +1,27 @@
 """Contents of mesh files: nothing is dropped without a word, and nothing that no scene names refuses the rest.
 
-All files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
-gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off.
+Most files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
+gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off. The last tests
+attack the readers: groups that overlap, shared names, odd decks, sides of hexahedra.
 """
 
+import json
 import re
 import warnings
+from dataclasses import replace
 
 import gmsh
 import meshio
 import numpy as np
 import pytest
-from dolfinx import io
+import ufl
+from bare import SCENE_FOLDERS
+from dolfinx import fem, io
+from launched import launch
+from libraries import MED, needs_med
 from mpi4py import MPI
 from needs import needs
-from scenes import slope, space
+from scenes import block_scene, slope, space
 from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
@@ -268,19 +275,16 @@ def points_apart(folder):
 
 def compressed(folder):
     path = by_dolfinx(folder)
+    text = path.read_text()
     with warnings.catch_warnings(action="ignore"):
         old = netcdf4("a test").Dataset(path.with_suffix(".h5"))
         with old, netcdf4("a test").Dataset(folder / "gz.h5", "w") as new:
             old.set_auto_mask(False)
-            for place in re.findall(r"cubes.h5:(\S+?)<", path.read_text()):
+            for k, place in enumerate(re.findall(r"cubes.h5:(\S+?)<", text)):
                 values = old[place][:]
-                group = new.createGroup(place.rpartition("/")[0])
-                name = place.rpartition("/")[2]
-                for k, size in enumerate(values.shape):
-                    group.createDimension(f"{name}{k}", size)
-                axes = [f"{name}{k}" for k in range(values.ndim)]
-                group.createVariable(name, values.dtype, axes, zlib=True)[:] = values
-    path.write_text(path.read_text().replace("cubes.h5", "gz.h5"))
+                axes = [new.createDimension(f"axis{k}{n}", size).name for n, size in enumerate(values.shape)]
+                new.createVariable(place, values.dtype, axes, zlib=True)[:] = values
+    path.write_text(text.replace("cubes.h5", "gz.h5"))
     path.with_suffix(".h5").unlink()
     return path
 
@@ -379,36 +383,32 @@ def bar(path, kind, shared, off=0.0):
 
 def pulled(path, dim):
     up = (0,) * (dim - 1) + (1,)
-    scene = hhr.Scene(
-        name="bar",
+    scene = block_scene(
+        "bar",
+        {"pull": (0.0, 10.0)},
         geometry=hhr.MeshFile(path),
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
         contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
         displacements=(*hhr.Displacement.clamp("FOOT", dim), *hhr.Displacement.clamp("TOP", dim - 1)),
         loads=(hhr.Traction("TOP", up, slope("pull")),),
-        parameters=space(pull=(0.0, 10.0)),
     )
     return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
+
+
+@pytest.mark.parametrize(("kind", "count"), [("CPE6", 1), ("C3D10", 3), ("C3D20", 4)])
+def test_common_sides_with_nodes_at_two_places_are_named(kind, count, tmp_path):
+    path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
+    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("kind", CELLS)
 def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, tmp_path):
     """As in the mesh in which they are shared; of the bar of two bricks p h / E = 5 * 2 / 1000."""
     dim = 2 if kind == "CPE6" else 3
-    right = pulled(bar(tmp_path / "one.inp", kind, shared=True), dim)
-    own = pulled(bar(tmp_path / "two.inp", kind, shared=False), dim)
-    assert own == pytest.approx(right, rel=1e-9)
-    if kind == "C3D20":
-        assert own == pytest.approx(0.01, rel=1e-9)
-
-
-@pytest.mark.parametrize("kind", CELLS)
-def test_common_sides_with_nodes_at_two_places_are_named(kind, tmp_path):
-    count = {"CPE6": 1, "C3D10": 3, "C3D20": 4}[kind]
-    path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
-    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
-        hhr.MeshFile(path)(MPI.COMM_SELF)
+    right, own = (pulled(bar(tmp_path / "bar.inp", kind, shared), dim) for shared in (True, False))
+    assert own == pytest.approx(right, rel=1e-9) and (kind != "C3D20" or own == pytest.approx(0.01, rel=1e-9))
 
 
 def test_a_node_of_a_side_that_is_a_corner_is_refused_before_dolfinx_sees_it(tmp_path):
@@ -453,17 +453,13 @@ def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
 
 
 @needs("checks")
-def test_check_of_a_scene_names_what_is_left_out(beam):
+def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, monkeypatch):
+    from shell import invoke
+
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     notes = [finding.text for finding in check_scene(two_cubes(beam, NAMES)).findings if finding.level == "note"]
     assert any("TABLE: 1 element of type S4" in text for text in notes)
-
-
-@needs("checks")
-def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
-    from shell import invoke
-
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     code, said = invoke("check", "beam.inp")
@@ -478,13 +474,14 @@ def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
 @needs("checks")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
-    from dataclasses import replace
-
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     scene = two_cubes(written(tmp_path / "blocks.inp", DECK), NAMES)
-    space = hhr.ParameterSpace(("down", "E"), (0.0, 500.0), (0.05, 1500.0))
-    varying = replace(scene, parameters=space, bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]))
+    varying = replace(
+        scene,
+        parameters=space(down=(0.0, 0.05), E=(500.0, 1500.0)),
+        bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]),
+    )
     brought = "as drawn, which imposed displacements bring to -0.015 to -0.015 at down = 0.025"
     for one, said in ((varying, f" {brought}"), (scene, ", facets")):
         (text,) = [item.text for item in check_scene(one).findings if "gaps from" in item.text]
@@ -505,3 +502,156 @@ def test_groups_of_nodes_of_med(tmp_path):
     order = np.random.default_rng(0).permutation(len(points))
     found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
     assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
+
+
+# ---------------------------------------------------------------- attacks
+
+
+def size_of(found, name, dim, density=1.0):
+    """Length, area or volume of what a name stands for, or the integral of a density over it, on all ranks."""
+    mesh, cells, facets = found
+    (numbers,) = [own for key, (of, own) in found.physical_groups if key == name and of == dim]
+    measure, tags = (ufl.dx, cells) if dim == mesh.topology.dim else (ufl.ds, facets)
+    form = fem.form(density * fem.Constant(mesh, 1.0) * measure(subdomain_data=tags)(tuple(numbers)))
+    return mesh.comm.allreduce(fem.assemble_scalar(form))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two rectangles in every format of gmsh, with overlapping groups, and a name that a body and a line share."""
+    path = tmp_path_factory.mktemp("meshes")
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    lower, upper = (gmsh.model.occ.addRectangle(0, y, 0, 2, 1) for y in (0, 2))
+    gmsh.model.occ.synchronize()
+    for dim, members, name in ((2, [lower], "a b"), (2, [upper], "upper"), (2, [lower, upper], "both"),
+                               (1, [1, 2], "corner"), (1, [5, 6], "upper"), (1, [2], "right")):  # fmt: skip
+        gmsh.model.addPhysicalGroup(dim, members, tag=78 if name == "corner" else -1, name=name)
+    gmsh.model.addPhysicalGroup(1, [1], tag=77)
+    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), 0.5)
+    gmsh.model.mesh.generate(2)
+    for version in (2.2, 4.1):
+        for binary in (0, 1):
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            gmsh.option.setNumber("Mesh.Binary", binary)
+            gmsh.write(str(path / f"{version}_{binary}.msh"))
+    gmsh.option.setNumber("Mesh.Binary", 0)
+    gmsh.write(str(path / "flat.inp"))
+    if MED:
+        gmsh.write(str(path / "flat.med"))
+    gmsh.finalize()
+    return path
+
+
+GROUPED = [f"{version}_{binary}.msh" for version in (2.2, 4.1) for binary in (0, 1)]
+
+
+@pytest.mark.parametrize("name", [*GROUPED, pytest.param("flat.med", marks=needs_med), "flat.inp"])
+def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
+    found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)
+    assert found[0].topology.index_map(2).size_local == 44
+    body = "a_b" if name.endswith("inp") else "a b"
+    wanted = [(body, 2, 2), ("upper", 2, 2), ("both", 2, 4), ("corner", 1, 3), ("upper", 1, 3), ("right", 1, 1)]
+    # numbers are as good as names, of lines that are in several groups too
+    wanted += [(77, 1, 2), (78, 1, 3)] if name.endswith("msh") else []
+    for key, dim, size in wanted:
+        assert size_of(found, key, dim) == pytest.approx(size, rel=1e-12), key
+
+
+ODD_DECK = """*HEADING
+ a deck, by hand
+  ** a comment that is set in
+*node, nset="all nodes"
+10, , , 0.
+20,1.0D+00,0.,
+30,1.,\t1.
+40,0.,1.
+*INCLUDE, INPUT=more.txt
+*Element, TYPE=CPE4R,
+ ELSET="left part"
+7,10,20,
+30,40
+*ELEMENT, TYPE=CAX4, ELSET=right
+ 1000,20,50,60,30
+*NODE OUTPUT
+ U
+*Elset, elset=every, generate
+7, 1000, 993
+*ELSET, ELSET=BOTH
+"left part", right
+*NSET, NSET=base, GENERATE
+10, 20, 10
+50, 50, 1
+*NSET, NSET=nothing
+9999
+*SURFACE, NAME="under side", TYPE=ELEMENT
+"left part", S1
+both, S3
+*SURFACE, TYPE=NODE, NAME=knots
+base, 1.
+*STEP
+*END STEP
+"""
+
+
+def test_a_deck_with_every_oddity(tmp_path):
+    (tmp_path / "more.txt").write_text("50, 3., 0.\n60, 3., 1.\n*NODE\n99, 7., 7.\n")
+    (tmp_path / "deck.inp").write_bytes(b"\xef\xbb\xbf" + ODD_DECK.replace("\n", "\r\n").encode())
+    found = hhr.MeshFile(tmp_path / "deck.inp", scale=2.0)(MPI.COMM_SELF)
+    assert found[0].geometry.x.shape == (6, 3)
+    for name, size in (("left part", 1), ("right", 2), ("BOTH", 3), ("every", 3)):
+        assert size_of(found, name, 2) == pytest.approx(4.0 * size), name
+    assert size_of(found, "under side", 1) == pytest.approx(2.0 * (1 + 3))
+    assert size_of(found, "base", 1) == size_of(found, "knots", 1) == pytest.approx(2.0 * 3)
+    assert "nothing" not in {key for key, _ in found.physical_groups}
+
+
+@pytest.mark.parametrize(("kind", "count"), [("COH2D4", 4), ("AC3D8", 8), ("CCL12", 6)])
+def test_elements_that_are_no_solids_are_refused_by_name(kind, count, tmp_path):
+    nodes = nodes_of_deck([(n % 2, n // 2 % 2, n // 4) for n in range(count)], 0)
+    path = written(tmp_path / "d.inp", f"{nodes}*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(count)))}\n")
+    with pytest.raises(FileContentError, match=kind):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+def test_sides_of_hexahedra_of_exodus(tmp_path):
+    """By the manual: -y, +x, +y, -x, -z, +z, and a set that is empty; areas and the normals that point out."""
+    corners, lengths = [(0, 0), (1, 0), (1, 1), (0, 1)], np.array([1.0, 2.0, 4.0])
+    points = [(*corner, z) for z in (0, 1) for corner in corners] * lengths
+    sides = {10 + k: [(1, k)] for k in range(1, 7)} | {17: None}
+    path = write_exodus(tmp_path / "box.exo", points, {5: ("HEX8", [range(1, 9)])}, sides)
+    found = hhr.MeshFile(path)(MPI.COMM_SELF)
+    normal = ufl.FacetNormal(found[0])
+    for k, (axis, sign) in enumerate([(1, -1), (0, 1), (1, 1), (0, -1), (2, -1), (2, 1)], 11):
+        assert size_of(found, k, 2) == pytest.approx(8.0 / lengths[axis])
+        assert size_of(found, k, 2, normal[axis]) == pytest.approx(sign * 8.0 / lengths[axis])
+
+
+def test_small_cells_far_from_the_origin(tmp_path):
+    nodes = nodes_of_deck([(1e6 + 1e-3 * (n % 3), -1e6 + 1e-3 * (n // 3)) for n in range(6)], 0)
+    text = f"{nodes}*ELEMENT, TYPE=CPS4, ELSET=b\n1,0,1,4,3\n2,1,2,5,4\n*NSET, NSET=low\n0,1,2\n"
+    found = hhr.MeshFile(written(tmp_path / "far.inp", text))(MPI.COMM_SELF)
+    assert size_of(found, "b", 2) == pytest.approx(2e-6, rel=1e-6)
+    assert size_of(found, "low", 1) == pytest.approx(2e-3, rel=1e-6)
+
+
+PROGRAM = """
+import json, sys
+sys.path[:0] = {folders!r}
+import hhr_dolfinx as hhr
+import test_file_contents as own
+from mpi4py import MPI
+sizes = {{}}
+for path in {paths!r}:
+    found = hhr.MeshFile(path)(MPI.COMM_WORLD)
+    sizes |= {{path + str(key): own.size_of(found, key, dim) for key, (dim, _) in found.physical_groups}}
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(sizes))
+"""
+
+
+@needs("ranks")
+def test_ranks_have_the_same_surfaces(folder):
+    program = PROGRAM.format(folders=SCENE_FOLDERS, paths=[str(folder / name) for name in ("2.2_1.msh", "flat.inp")])
+    one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
+    assert three == pytest.approx(one, rel=1e-12)
