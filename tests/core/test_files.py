@@ -316,8 +316,6 @@ def test_a_file_that_is_no_table(content, small, tmp_path):
     (tmp_path / "points.csv").write_bytes(content)
     with pytest.raises(ParameterError, match=r"points\.csv"):
         hhr.read_points(tmp_path / "points.csv", small.parameters)
-    with pytest.raises(ParameterError, match="cannot be read"):
-        hhr.read_points(tmp_path, small.parameters)
 
 
 @needs("studies", "tables")
@@ -401,18 +399,15 @@ def test_a_pipe_or_a_device_is_never_replaced(name, small_reduction, tmp_path):
 @needs("tables")
 def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for path in ("", ".", "/"):
-        with pytest.raises(FileError, match="names a folder: add the name of a file"):
+    os.symlink("loop", "loop")
+    names = {"a\0b.npz": "zero byte", "loop": "Too many levels of symbolic links"}
+    for path, why in (names | dict.fromkeys(("", ".", "/"), "names a folder: add the name of a file")).items():
+        with pytest.raises(FileError, match=why):
             hhr.save_model(path, small_reduction)
-    with pytest.raises(FileError, match="zero byte"):
-        hhr.save_model("a\0b.npz", small_reduction)
     with pytest.raises(FileError, match="zero byte"):
         hhr.SnapshotStore("a\0b", BareFull())
     with pytest.raises(ParameterError, match="cannot be read"):
         hhr.read_points("a\0b.csv", small.parameters)
-    with pytest.raises(FileError, match="Too many levels of symbolic links"):
-        os.symlink("loop", "loop")
-        hhr.save_model("loop", small_reduction)
 
 
 @needs("studies", "tables")

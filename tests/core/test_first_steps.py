@@ -8,7 +8,6 @@ import struct
 import subprocess
 import sys
 import termios
-import tomllib
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -218,11 +217,6 @@ def test_set_up_removes_no_environment_but_its_own(tmp_path):
     again = set_up(tmp_path)
     assert again.returncode == 0, again.stderr
     assert not (tmp_path / ".venv/pyvenv.cfg").exists()
-
-
-def test_slow_tests_are_left_out_by_default():
-    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
-    assert "-m 'not slow'" in options["addopts"] and options["markers"][0].startswith("slow:")
 
 
 def test_readme_and_image_tell_the_same_commands():

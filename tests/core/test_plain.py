@@ -89,6 +89,11 @@ def through_json(data):
     return json.loads(json.dumps(data))
 
 
+def refused(why, data, tables=None, kinds=KINDS):
+    with pytest.raises(FileContentError, match=why):
+        restored(data, tables or {}, kinds)
+
+
 @dataclass(frozen=True)
 class Doubled:
     """A value that writes into its arrays."""
@@ -160,8 +165,7 @@ def test_a_name_that_is_taken():
 )
 def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
     data, tables = as_plain(Loose(csr_matrix(np.eye(3))))
-    with pytest.raises(FileContentError, match="sparse matrix"):
-        restored(data, tables | {f"field.{part}": change}, by_name([Loose]))
+    refused("sparse matrix", data, tables | {f"field.{part}": change}, by_name([Loose]))
 
 
 @pytest.mark.parametrize(
@@ -173,8 +177,7 @@ def test_a_small_file_fills_no_memory(shape, why):
     table[3] = 1.0
     data, tables = as_plain(Loose(table))
     data["fields"]["field"]["shape"] = shape
-    with pytest.raises(FileContentError, match=why):
-        restored(data, tables, by_name([Loose]))
+    refused(why, data, tables, by_name([Loose]))
 
 
 def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
@@ -230,14 +233,12 @@ def test_other_fields_are_refused(value, how, draw):
         data["fields"][name] = tables.pop(name).tolist()
     else:
         data["fields"][name], tables[name] = {"array": name}, np.zeros(2)
-    with pytest.raises(FileContentError, match=r"has the fields|must be a|finite|are unknown"):
-        restored(data, tables, KINDS)
+    refused(r"has the fields|must be a|finite|are unknown", data, tables)
 
 
 @given(JSON)
 def test_any_other_data_are_refused(junk):
-    with pytest.raises(FileContentError):
-        restored(junk, {}, KINDS)
+    refused(None, junk)
 
 
 UNUSUAL = "1 +", [1.0], True, None, float("nan"), float("inf"), 10**400
@@ -255,8 +256,7 @@ UNKNOWN = "eval", "dict", "type", "Loose"
     *((kind, {}, rf"holds a {kind}.*load_model\(path, known=\[{kind}\]\)") for kind in UNKNOWN),
 ])  # fmt: skip
 def test_wrong_kinds_and_numbers_are_refused(kind, numbers, why):
-    with pytest.raises(FileContentError, match=why):
-        restored({"kind": kind, "fields": numbers}, {}, KINDS)
+    refused(why, {"kind": kind, "fields": numbers})
 
 
 @pytest.mark.parametrize("table", [
@@ -264,8 +264,7 @@ def test_wrong_kinds_and_numbers_are_refused(kind, numbers, why):
 ])  # fmt: skip
 def test_wrong_arrays_are_refused(table):
     data, tables = as_plain(Coverage(np.arange(3.0), 0, 0.0, np.ones(2)))
-    with pytest.raises(FileContentError, match="positions"):
-        restored(data, tables | {"positions": table}, KINDS)
+    refused("positions", data, tables | {"positions": table})
 
 
 @dataclass(frozen=True)
@@ -348,8 +347,7 @@ def test_values_within_a_value_come_back():
     assert list(tables) == ["field.table"] and same(restored(data, tables, by_name([Loose, Everything])), held)
     assert restored(as_plain(Loose(None))[0], {}, by_name([Loose])) == Loose(None)
     data = as_plain(NESTED)[0]
-    with pytest.raises(FileContentError, match="pass the class"):
-        restored(through_json(data), {}, by_name([Pairs, Norton]))
+    refused("pass the class", through_json(data), {}, by_name([Pairs, Norton]))
 
 
 def test_what_nests_without_end_is_refused():
