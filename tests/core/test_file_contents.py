@@ -635,23 +635,19 @@ def test_small_cells_far_from_the_origin(tmp_path):
     assert size_of(found, "low", 1) == pytest.approx(2e-3, rel=1e-6)
 
 
-PROGRAM = """
-import json, sys
-sys.path[:0] = {folders!r}
-import hhr_dolfinx as hhr
-import test_file_contents as own
-from mpi4py import MPI
-sizes = {{}}
-for path in {paths!r}:
-    found = hhr.MeshFile(path)(MPI.COMM_WORLD)
-    sizes |= {{path + str(key): own.size_of(found, key, dim) for key, (dim, _) in found.physical_groups}}
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(sizes))
-"""
+def print_sizes(*paths):
+    """Of all groups of mesh files, by the first rank."""
+    sizes = {}
+    for path in paths:
+        found = hhr.MeshFile(path)(MPI.COMM_WORLD)
+        sizes |= {path + str(key): size_of(found, key, dim) for key, (dim, _) in found.physical_groups}
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(sizes))
 
 
 @needs("ranks")
 def test_ranks_have_the_same_surfaces(folder):
-    program = PROGRAM.format(folders=SCENE_FOLDERS, paths=[str(folder / name) for name in ("2.2_1.msh", "flat.inp")])
+    paths = [str(folder / name) for name in ("2.2_1.msh", "flat.inp")]
+    program = f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; t.print_sizes(*{paths!r})"
     one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
     assert three == pytest.approx(one, rel=1e-12)

@@ -17,7 +17,7 @@ from flowing import pellet_path as heated
 from kept_values import array, both, entry, node_of, put, rewrite_model
 from needs import needs, present
 from parted import CUT, REACH, by_lapack, one_cut, parts_of, pellet_training, three_models
-from scenes import largest_difference, pressed_block, slope
+from scenes import pressed_block, slope
 from threads import at_once
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
@@ -108,6 +108,15 @@ def file(kept, tmp_path):
     return of
 
 
+def called(name):
+    return dataclasses.make_dataclass(name, [], frozen=True)
+
+
+def refused(path, why, **how):
+    with pytest.raises(ModelFileError, match=why):
+        hhr.load_model(path, **how)
+
+
 def points_of(model, count=5):
     return model.parameters.random(count, seed=9)
 
@@ -180,14 +189,6 @@ def test_arrays_lie_as_files_keep_them(kind, models):
     found = arrays_of(models(kind).for_file())
     # arrays of exact condensation lie in one, which copies make again
     assert kind.startswith("exact") or not [array.strides for array in found if not array.flags.forc]
-
-
-def test_answers_are_those_of_the_library_that_made_it(models, kept):
-    """PETSc's blocks differ from LAPACK's by round-off, 1e-15 of the largest seen."""
-    for one, other in zip(*(answers_of(item) for item in (hhr.load_model(kept("pellet")), models("pellet"))),
-                          strict=True):  # fmt: skip
-        assert largest_difference(one.forces(), other.forces()) < 1e-12
-        assert largest_difference(one.displacement(), other.displacement()) < 1e-12
 
 
 def test_a_file_holds_whatever_class_declares():
@@ -322,8 +323,7 @@ def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp
     model, own = with_law(models(kind), Bingham(100.0, 1e5)), tmp_path / "own.npz"
     hhr.save_model(own, model)
     advice = r"own\.npz.* holds a Bingham.*load_model\(path, known=\[Bingham\]\).* --known FILE\.py:Bingham$"
-    with pytest.raises(ModelFileError, match=advice):
-        hhr.load_model(own)
+    refused(own, advice)
     assert bits(hhr.load_model(own, known=[Bingham])) == bits(model)
     for law in (None, hhr.Norton("900 + P1", 4.0) if kind == "condensed pellet" else hhr.Norton(900.0, 4.0)):
         hhr.save_model(own, with_law(models(kind), law))
@@ -353,10 +353,8 @@ def test_an_amplitude_of_a_users_own(tmp_path):
     local = hhr.LocalModels(parts_of(training, [(0.0, 0.07), (0.03, 0.1)]), one_cut(0, 0.05, (0.01,)))
     for model in (whole, local):
         hhr.save_model(own, model)
-        with pytest.raises(ModelFileError, match=r"own\.npz cannot be read: the file holds a Square.*known=\[Square\]"):
-            hhr.load_model(own)
-        with pytest.raises(ModelFileError, match=r"two classes are called Square.* rename one"):
-            hhr.load_model(own, known=[Square, dataclasses.make_dataclass("Square", [], frozen=True)])
+        refused(own, r"own\.npz cannot be read: the file holds a Square.*known=\[Square\]")
+        refused(own, r"two classes are called Square.* rename one", known=[Square, called("Square")])
         assert bits(hhr.load_model(own, known=[Square])) == bits(by_lapack(model))
 
 
@@ -468,16 +466,13 @@ def in_header(**values):
     ("'hhr_dolfinx reduced model' version 13, this release reads 'hhr_dolfinx model' version",
      in_header(format="hhr_dolfinx reduced model", version=13)),
     ("names no 'hhr_dolfinx model'", in_header(format="something else")),
-    ("names no 'hhr_dolfinx model'", in_header(format=3)),
     ("damaged", lambda arrays: arrays.__setitem__("problem.loads", np.array([{}], dtype=object))),
-    ("is damaged .*no plain array", lambda arrays: arrays.__setitem__("problem.loads", np.ones(3, np.float32))),
     ("no header", lambda arrays: arrays.pop("header")),
 ])  # fmt: skip
 def test_other_files_are_refused(why, change, file):
     path = file()
     unsigned(path, change)
-    with pytest.raises(ModelFileError, match=f"(?s){why}"):
-        hhr.load_model(path)
+    refused(path, f"(?s){why}")
 
 
 @pytest.mark.parametrize(
@@ -486,20 +481,15 @@ def test_other_files_are_refused(why, change, file):
 def test_a_damaged_file_is_refused(damage, file):
     path = file()
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(ModelFileError, match="damaged"):
-        hhr.load_model(path)
+    refused(path, "damaged")
 
 
 def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
-    with pytest.raises(ModelFileError, match="no model file"):
-        hhr.load_model(tmp_path / "nothing.npz")
-    with pytest.raises(ModelFileError, match="is a folder, and a model is a file"):
-        hhr.load_model(tmp_path)
-    with pytest.raises(ModelFileError, match=r"two classes are called Coverage.* rename one"):
-        hhr.load_model(kept("pellet"), known=[dataclasses.make_dataclass("Coverage", [], frozen=True)])
+    refused(tmp_path / "nothing.npz", "no model file")
+    refused(tmp_path, "is a folder, and a model is a file")
+    refused(kept("pellet"), r"two classes are called Coverage.* rename one", known=[called("Coverage")])
     for known in (Bingham, "Bingham", 3, None):
-        with pytest.raises(ModelFileError, match=r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)"):
-            hhr.load_model(kept("pellet"), known=known)
+        refused(kept("pellet"), r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)", known=known)
 
 
 @needs("inelastic")
@@ -562,41 +552,6 @@ def test_arrays_that_were_damaged_are_refused(kind, models):
     assert len(taken) < 0.12 * sum(1 for _ in damaged(arrays))
 
 
-def places_in(tree, before=""):
-    """Paths of all parts of a tree."""
-    parts = tree.get("fields", {}) if isinstance(tree, dict) else {}
-    for name, part in enumerate(tree) if isinstance(tree, list) else parts.items():
-        path = f"{before}.{name}".lstrip(".")
-        yield path
-        yield from places_in(part, path)
-
-
-JUNK = (None, "text", -1, 1e300, [], [1, 2], {}, TOY, {"kind": "Popen", "fields": {}}, {"array": "nothing"},
-        {"sparse": "csc", "shape": [1, 1]}, {"array": ["x"]})  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_junk_in_the_tree_is_refused_or_of_the_declared_type(kind, models):
-    tree, arrays = as_plain(models(kind).for_file())
-    dice, places = np.random.default_rng(1), list(places_in(tree))
-    tried = refused = 0
-    for place in dice.permutation(places)[:60]:
-        for junk in dice.permutation(np.array(JUNK, dtype=object))[:4]:
-            changed, others = json.loads(json.dumps(tree)), dict(arrays)
-            put(str(place), junk)(changed, others)
-            tried += 1
-            try:
-                restored(changed, others, KNOWN)
-            except HHRError:
-                refused += 1
-    assert refused > 0.9 * tried
-    for change in (lambda fields: fields.pop(next(iter(fields))), lambda fields: fields.update(more=1)):
-        changed = json.loads(json.dumps(tree))
-        change(changed["fields"])
-        with pytest.raises(HHRError, match="has the fields"):
-            restored(changed, arrays, KNOWN)
-
-
 def box(**values):
     return both(*(put(f"parameters.{name}", value) for name, value in values.items()))
 
@@ -618,10 +573,9 @@ REFUSED = {
         ("singular", entry("problem.stiffness", slice(None), 0.0)),
         ("0 of .* modes are no|10 of 10 modes|modes are no rigid motions", put("problem.motions", 10)),
         ("first amplitude must be", entry("fields.amplitudes.constant", 0, 2.0)),
-        ("extends up to parameter 9", put(f"{LINE}.extent", 9)),
-        ("slopes has shape", array(f"{LINE}.slopes", lambda a: a[:1])),
         ("the amplitudes are 1", array(f"{LINE}.positions", lambda a: a[:-1])),
         ("must be an Amplitude", put("fields.amplitudes.nonaffine", [TOY])),
+        ("is no Functional, and an", both(put("fields.output_bound", None), put("fields.functionals.items", [TOY]))),
         ("trained range ends below", array("trained.upper", lambda a: a - 1e6)),
         ("dofs are no nodes", one_dof_less),
         ("dimension 4, which must be", put("fields.dimension", 4)),
@@ -637,10 +591,7 @@ REFUSED = {
         ("estimates of outputs are not those", put("fields.functionals", None)),
         ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),
-        ("areas has shape", array("fields.functionals.items.0.areas", lambda a: a[:-1])),
         ("starts from known statuses", put("known", None)),
-        ("named twice", box(names=["h1", "h1"])),
-        ("must be increasing", box(upper=[0.0, 0.0])),
         ("P = 3", box(names=["a", "b", "c"], lower=[0.0] * 3, upper=[1.0] * 3)),
         ("names of ParameterSpace is .*must be", box(names=[1, 2])),
         ("lower of ParameterSpace is", box(lower=[None, 1.0])),
@@ -651,7 +602,6 @@ REFUSED = {
     "flowing pellet": [
         ("4 components in dimension 3|no nodes", put("fields.dimension", 3)),
         ("values of the stress", array("fields.flow.stress.fit", lambda a: a[:, :-1])),
-        ("values of the stress", array("fields.flow.stress.modes", lambda a: a[:-1])),
         ("plastic strains are not one", array("fields.flow.cumulated.fit", lambda a: a[:, :-1])),
         ("indices outside", put("fields.flow.gauss_points", 3)),
         ("not those of its strain", array("flow.cells", lambda a: a[:-1])),
@@ -724,7 +674,6 @@ REFUSED = {
         ("local models are a list", put("models", [])),
         ("another scene", put("models.1.parameters.upper", [400.0, 6.0])),
         ("singular", entry("models.2.problem.stiffness", slice(None), 0.0)),
-        ("indices outside", entry("models.1.fields.A_lambda", 0, 10**6)),
     ],
 }  # fmt: skip
 
@@ -738,8 +687,7 @@ def test_a_signed_file_of_other_content_is_refused_where_it_is_read(kind, number
     path = file(kind)
     rewrite_model(path, change)
     said = why if "Popen" in why else f"(?s)model.npz .*({why}).*build the model again"
-    with pytest.raises(ModelFileError, match=said):
-        hhr.load_model(path, known=[Toy])
+    refused(path, said, known=[Toy])
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.values[0] in REFUSED])
@@ -749,8 +697,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     rewrite_signed(path, lambda header, arrays: None)
     assert (FORMAT, VERSION) == ("hhr_dolfinx model", 8) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
-    with pytest.raises(ModelFileError, match="its header has the keys"):
-        hhr.load_model(path)
+    refused(path, "its header has the keys")
 
 
 def test_fields_that_declare_no_size_of_the_loads_are_told_so():
