@@ -418,12 +418,9 @@ def test_a_node_of_a_side_that_is_a_corner_is_refused_before_dolfinx_sees_it(tmp
         hhr.MeshFile(written(tmp_path / "lame.inp", nodes_of_deck(places) + cells))(MPI.COMM_SELF)
 
 
-BEAM = DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0]
-
-
 @pytest.fixture
 def beam(tmp_path):
-    return written(tmp_path / "beam.inp", BEAM)
+    return written(tmp_path / "beam.inp", DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0])
 
 
 def test_a_summary_of_a_file(beam):
@@ -530,12 +527,10 @@ def folder(tmp_path_factory):
     gmsh.model.addPhysicalGroup(1, [1], tag=77)
     gmsh.model.mesh.setSize(gmsh.model.getEntities(0), 0.5)
     gmsh.model.mesh.generate(2)
-    for version in (2.2, 4.1):
-        for binary in (0, 1):
-            gmsh.option.setNumber("Mesh.MshFileVersion", version)
-            gmsh.option.setNumber("Mesh.Binary", binary)
-            gmsh.write(str(path / f"{version}_{binary}.msh"))
-    gmsh.option.setNumber("Mesh.Binary", 0)
+    for version, binary in ((2.2, 1), (4.1, 1), (2.2, 0), (4.1, 0)):
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path / f"{version}_{binary}.msh"))
     gmsh.write(str(path / "flat.inp"))
     if MED:
         gmsh.write(str(path / "flat.med"))
@@ -543,10 +538,10 @@ def folder(tmp_path_factory):
     return path
 
 
-GROUPED = [f"{version}_{binary}.msh" for version in (2.2, 4.1) for binary in (0, 1)]
-
-
-@pytest.mark.parametrize("name", [*GROUPED, pytest.param("flat.med", marks=needs_med), "flat.inp"])
+@pytest.mark.parametrize(
+    "name",
+    [*(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)), pytest.param("flat.med", marks=needs_med), "flat.inp"],
+)
 def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
     found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)
     assert found[0].topology.index_map(2).size_local == 44

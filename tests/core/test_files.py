@@ -30,7 +30,6 @@ from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.files import read_arrays, write_arrays
 
-TESTS = Path(__file__).parents[1]
 POINT = np.array([0.25, 3.0])
 
 
@@ -154,7 +153,7 @@ def test_a_process_that_clears_up_harms_none_that_writes(tmp_path):
 SIZES = {"dofs": 100_000, "conditions": 1000}
 SAVES = f"""
 import sys
-sys.path.insert(0, {str(TESTS)!r})
+sys.path.insert(0, {str(Path(__file__).parents[1])!r})
 import numpy as np
 import hhr_dolfinx as hhr
 from bare import BareFull, answer

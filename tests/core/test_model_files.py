@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import json
 import pickle
+import shutil
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -101,11 +102,7 @@ def kept(models, tmp_path_factory):
 
 @pytest.fixture
 def file(kept, tmp_path):
-    def of(kind="pellet"):
-        (tmp_path / "model.npz").write_bytes(kept(kind).read_bytes())
-        return tmp_path / "model.npz"
-
-    return of
+    return lambda kind="pellet": shutil.copy(kept(kind), tmp_path / "model.npz")
 
 
 def called(name):
