@@ -14,9 +14,6 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ConvergenceError, ParameterError, ReductionError, StudyError, TrainingWarning
-from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.snapshots.records import compute_snapshots
-from hhr_dolfinx.study.training.train import train
 
 
 def unbuilt():
@@ -58,12 +55,13 @@ def test_paths_held_out_may_be_an_array():
 @pytest.mark.parametrize("below", ["", "snapshots"])
 def test_a_folder_that_is_a_file(tmp_path, below):
     (tmp_path / "file").write_text("")
-    folder = str(tmp_path / "file" / below)
-    said = r"cannot be made: .*/file is a file\. Choose another"
-    with pytest.raises(StudyError, match=said):
-        hhr.train(unbuilt(), [3], folder=folder)
-    with pytest.raises(StudyError, match=said):
-        hhr.study_scene(unbuilt(), hhr.StudySettings([3]), folder)
+    folder, settings = str(tmp_path / "file" / below), hhr.StudySettings([3])
+    for call in (
+        lambda: hhr.train(unbuilt(), [3], folder=folder),
+        lambda: hhr.study_scene(unbuilt(), settings, folder),
+    ):
+        with pytest.raises(StudyError, match=r"cannot be made: .*/file is a file\. Choose another"):
+            call()
 
 
 @needs("studies")
@@ -115,8 +113,8 @@ def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
     scene = demo.scene(arc_segments=28, flat_segments=7)
     study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
-    assert study.tests.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
     study.write("out/x")
+    assert study.tests.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
     assert (tmp_path / "out/x/report.json").exists() and (tmp_path / "out/x/study.npz").exists()
 
 
@@ -150,33 +148,33 @@ def test_histories_without_an_answer_are_named_and_left_out(yielding):
 
     paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
     with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
-        training = train(yielding, paths, held_out=[])
+        training = hhr.train(yielding, paths, held_out=[])
     ends = [history.answers[-1].parameter[0] for history in training.snapshots.histories]
     assert ends == pytest.approx([0.4, 0.6, 0.7]) and flowed(training.snapshots)
     # asked for by itself it is an error as before
     with pytest.raises(ConvergenceError):
-        compute_snapshots(training.full_order, paths)
+        hhr.compute_snapshots(training.full_order, paths)
 
 
 @needs("inelastic", "paths")
 def test_too_few_left_are_no_training(yielding):
     for ends, words in (((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"), ((1.6, 1.7), "none of 2 queries")):
         with pytest.raises(ConvergenceError, match=words):
-            train(yielding, family(yielding).paths(np.array(ends)[:, None]), held_out=[])
+            hhr.train(yielding, family(yielding).paths(np.array(ends)[:, None]), held_out=[])
 
 
 def test_points_without_an_answer(monkeypatch):
-    solve = FullOrderModel.solve
+    solve = hhr.FullOrderModel.solve
 
     def failing(self, mu, **how):
         if mu[0] == 0.05:
             raise ConvergenceError("it cycled")
         return solve(self, mu, **how)
 
-    monkeypatch.setattr(FullOrderModel, "solve", failing)
+    monkeypatch.setattr(hhr.FullOrderModel, "solve", failing)
     scene = pressed_block("plane_strain")
     with pytest.warns(TrainingWarning, match=r"1 of 3 training queries have no answer .*: push = 0\.05: it cycled"):
-        training = train(scene, 3, held_out=0)
+        training = hhr.train(scene, 3, held_out=0)
     assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
 
 

@@ -38,8 +38,13 @@ def trained(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def model(trained):
-    return hhr.load_model(trained[0] / "hhr.npz")
+def file(trained):
+    return trained[0] / "hhr.npz"
+
+
+@pytest.fixture(scope="module")
+def model(file):
+    return hhr.load_model(file)
 
 
 @pytest.fixture(scope="module")
@@ -49,33 +54,21 @@ def full():
     return hhr.FullOrderModel(your_scene.scene())
 
 
+PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
+
+
 def told(output):
     return {name: float(value) for name, value in (line.rsplit(": ", 1) for line in output.splitlines())}
 
 
-OF_PLUGINS = {
-    "answer": "tables",
-    "check": "checks",
-    "report": "studies",
-    "study": "studies",
-    "page": "pages",
-    "serve": "doors",
-    "dakota": "doors",
-    "embed": "exporters",
-    "export": "exporters",
-    "reduce": "one_call",
-}
-"""Commands of our plug-ins."""
-WORDS = OF_PLUGINS | {"--greedy": "greedy", "--budget": "greedy"}
-"""Their words on a command line."""
-ALL = command.list_commands(None)
+COMMANDS = command.list_commands(None)
 
 
 def test_every_command_helps_with_examples():
     code, output = invoke("--help")
-    there = {name for name, plugin in OF_PLUGINS.items() if present(plugin)}
-    assert code == 0 and set(ALL) == {"train", "solve", "list"} | there
-    for name in ALL:
+    of_plugins = {name for one in registry.installed().values() for name, _ in registry.places_in(one.commands)}
+    assert code == 0 and set(COMMANDS) == {"train", "solve", "list"} | of_plugins
+    for name in COMMANDS:
         for word in ("--help", "-h"):
             code, said = invoke(name, word)
             assert code == 0 and "Examples:\n" in said and f"hhr {name}" in said.split("Examples:")[1]
@@ -97,9 +90,8 @@ def test_training_says_each_thing_once(trained):
 
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
     words = [sys.executable, *PROGRAM, "train", SPRING, "--sobol", "128", "--out", str(tmp_path)]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
     # what runs these tests in the background may ignore Ctrl-C, and those it starts would, too
-    started = subprocess.Popen(words, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    started = subprocess.Popen(words, **PIPES, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     end = time.monotonic() + WAIT
     while len(list(tmp_path.glob("snapshots/*.npz"))) < 5 and started.poll() is None and time.monotonic() < end:
         time.sleep(0.005)
@@ -114,21 +106,20 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
 
 
 @needs("differences")
-def test_scene_and_model_answer_alike(trained, full, model):
+def test_scene_and_model_answer_alike(file, full):
     code, output = invoke("solve", DEMO, *AT)
     exact, answer = told(output), full.solve(POINT)
     assert code == 0
-    sums = [exact.pop(f"sum of the forces of contact {place} [N/mm]") for place in
-            ("0 of roller_round, spring_top", "1 of stop_round, spring_bottom")]  # fmt: skip
-    pairs = full.problem.contact_pairs
-    assert sums == pytest.approx([answer.forces()[pairs == number].sum() for number in (0, 1)], rel=1e-5)
+    pairs, forces = full.problem.contact_pairs, answer.forces()
+    places = "0 of roller_round, spring_top", "1 of stop_round, spring_bottom"
+    sums = [exact.pop(f"sum of the forces of contact {place} [N/mm]") for place in places]
+    assert sums == pytest.approx([forces[pairs == number].sum() for number in (0, 1)], rel=1e-5)
     largest = np.linalg.norm(answer.displacement().reshape(-1, 2), axis=1).max()
     assert exact["largest displacement [mm]"] == pytest.approx(largest, rel=1e-5)
-    assert exact["active contacts"] == (answer.forces() > 0).sum()
+    assert exact["active contacts"] == (forces > 0).sum()
     force = answer.outputs().values["force on the roller"]
     assert exact["force on the roller [N/mm]"] == pytest.approx(force, rel=1e-5)
-    words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
-    code, output = invoke("solve", trained[0] / "hhr.npz", *words)
+    code, output = invoke("solve", file, "--at", "lowered = 0.1", "--at", "travel=5e-1,")
     found = told(output)
     bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
     assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
@@ -156,81 +147,78 @@ def questions(path, header, rows):
 
 
 def columns_of(path):
+    if path.suffix == ".parquet":
+        from pyarrow import parquet
+
+        return parquet.read_table(path).to_pydict()
     with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))
-    return {name: [row[k] for row in rows[1:]] for k, name in enumerate(rows[0])}
+        head, *rows = csv.reader(file)
+    return {name: [row[k] for row in rows] for k, name in enumerate(head)}
+
+
+def questions_in_parquet(path, **columns):
+    pyarrow = pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow.parquet").write_table(pyarrow.table(columns), path)
+    return path
 
 
 @needs("tables")
-def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model, tmp_path):
-    pyarrow = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
+def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(file, model, tmp_path):
     points = model.parameters.random(7, seed=3)
     # columns in another order, one more, a byte order mark, and a space in the name
     text = questions(tmp_path / "my questions.csv", ["lowered", "note", "travel"], [[b, "ä", a] for a, b in points])
-    table = pyarrow.table({"note": ["x"] * 7, "lowered": points[:, 1], "travel": points[:, 0]})
-    parquet.write_table(table, tmp_path / "q.parquet")
-    file = trained[0] / "hhr.npz"
-    for given, out in ((text, tmp_path / "a.csv"), (tmp_path / "q.parquet", tmp_path / "b" / "a.parquet")):
+    held = questions_in_parquet(tmp_path / "q.parquet", note=["x"] * 7, lowered=points[:, 1], travel=points[:, 0])
+    for given, out in ((text, tmp_path / "a.csv"), (held, tmp_path / "b" / "a.parquet")):
         code, output = invoke("answer", file, given, "--out", out)
         assert code == 0 and "7 answers and 0 bad rows" in output, output
-    found = columns_of(tmp_path / "a.csv")
-    other = parquet.read_table(tmp_path / "b" / "a.parquet").to_pydict()
+    found, other = columns_of(tmp_path / "a.csv"), columns_of(tmp_path / "b" / "a.parquet")
     assert list(found) == list(other) and found["status"] == other["status"] == ["ok"] * 7
+    assert other["travel"] == points[:, 0].tolist()
     for k, point in enumerate(points):
         answer = model.solve(point)
         forces = [other[f"force_{place}"][k] for place in range(86)]
         np.testing.assert_allclose(forces, answer.forces(), rtol=1e-9, atol=1e-9)
-        assert other["travel"][k] == point[0] and float(found["lowered"][k]) == point[1]
+        assert float(found["lowered"][k]) == point[1]
         assert other["force on the roller [N/mm]"][k] == pytest.approx(answer.outputs().values["force on the roller"])
     for name in set(found) - {"status"}:
         np.testing.assert_allclose(np.array(found[name], dtype=float), other[name], rtol=1e-11, atol=1e-12)
 
 
 @needs("tables")
-def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
+def test_rows_that_have_no_answer_do_not_stop_the_others(file, tmp_path):
     """In Parquet; tests/core/test_files.py has them in text."""
-    pyarrow = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
-    file = trained[0] / "hhr.npz"
-    travel = pyarrow.array([0.5, None, 9.0, float("nan"), 0.6])
-    parquet.write_table(pyarrow.table({"travel": travel, "lowered": [0.1] * 5}), tmp_path / "q.parquet")
-    code, output = invoke("answer", file, tmp_path / "q.parquet", "--out", tmp_path / "a.parquet")
-    found = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    travel = [0.5, None, 9.0, float("nan"), 0.6]
+    given = questions_in_parquet(tmp_path / "q.parquet", travel=travel, lowered=[0.1] * 5)
+    code, output = invoke("answer", file, given, "--out", tmp_path / "a.parquet")
+    found = columns_of(tmp_path / "a.parquet")
     assert code == 1 and "2 answers and 3 bad rows" in output and "travel = 9 is outside" in output
     assert [status == "ok" for status in found["status"]] == [1, 0, 0, 0, 1]
     assert found["total_force"][1] is None and found["total_force"][0] > 0
-    texts = pyarrow.table({"travel": ["0.5", "it's"], "lowered": pyarrow.array([0, 0])})
-    parquet.write_table(texts, tmp_path / "t.parquet")
-    code, output = invoke("answer", file, tmp_path / "t.parquet", "--out", tmp_path / "t.csv")
+    given = questions_in_parquet(tmp_path / "t.parquet", travel=["0.5", "it's"], lowered=[0, 0])
+    code, output = invoke("answer", file, given, "--out", tmp_path / "t.csv")
     assert code == 1 and columns_of(tmp_path / "t.csv")["travel"] == ["0.5", "it's"]
 
 
 @needs("tables")
-def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
-    file = trained[0] / "hhr.npz"
+def test_tables_without_rows_have_a_header_of_answers(file, tmp_path):
+    given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
     for ending in (".csv", ".parquet"):
-        given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
         code, output = invoke("answer", file, given, "--out", tmp_path / f"a{ending}")
         assert code == 0 and "0 answers and 0 bad rows" in output
     assert columns_of(tmp_path / "a.csv")["total_force"] == []
-    code, _ = invoke("answer", file, tmp_path / "a.parquet", "--out", tmp_path / "b.csv")
-    assert code == 0 and (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
+    assert invoke("answer", file, tmp_path / "a.parquet", "--out", tmp_path / "b.csv")[0] == 0
+    assert (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
 
 
 @needs("ranks", "studies", "tables")
-def test_two_ranks_answer_as_one(trained, tmp_path):
-    folder, _ = trained
-    words = [*PROGRAM, "train", DEMO, *TRAIN[2:], "--out", str(tmp_path / "of two")]
-    found = run_program(2, words)
+def test_two_ranks_answer_as_one(trained, file, tmp_path):
+    found = run_program(2, [*PROGRAM, "train", DEMO, *TRAIN[2:], "--out", str(tmp_path / "of two")])
     assert found.returncode == 0, found.stdout + found.stderr
     assert found.stdout.count("snapshots: ") == 1 and found.stdout.count("model: ") == 1
     assert found.stderr.count("warning: ") == trained[1].stderr.count("warning: ")
     points = [[0.2, 0.0], [0.5, 0.1], [0.9, 0.1], [7, 0.1], [0.33, 0.29]]
     given = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
-    code, _ = invoke("answer", folder / "hhr.npz", given, "--out", tmp_path / "one.csv")
+    code, _ = invoke("answer", file, given, "--out", tmp_path / "one.csv")
     words = ["answer", str(tmp_path / "of two" / "hhr.npz"), str(given), "--out", str(tmp_path / "two.csv")]
     found = run_program(2, [*PROGRAM, *words])
     assert code == found.returncode == 1 and "4 answers and 1 bad rows on 2 ranks" in found.stdout, found.stderr
@@ -250,17 +238,14 @@ def test_ranks_refuse_as_one(tmp_path):
 
 @needs("studies")
 def test_a_study_has_a_page(tmp_path):
-    from hhr_dolfinx.plugins.studies.page import write_page
-
     found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
     assert found.returncode == 0, found.stderr
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "study.npz").exists()
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 3 and (tmp_path / "study.npz").exists()
     (tmp_path / "report.html").unlink()
     code, output = invoke("report", tmp_path)
     assert code == 0 and output == f"{tmp_path / 'report.html'}\n"
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == page
-    assert write_page(tmp_path) == tmp_path / "report.html"
 
 
 @needs("checks")
@@ -293,14 +278,12 @@ FILES = {
     "late.py": "def scene():\n    return 1 / 0\n",
     "three.py": "scene = 3\n",
     "needs.py": "def scene(mesh, *, size=1):\n    pass\n",
-    "syntax.py": "\ndef f(:\n",
     "settings.py": "from your_scene import scene\nSETTINGS = {'training': 3}\n",
     "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise ValueError('none')\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
-    "prints.py": "print('it runs')\nimport your_scene\nscene = your_scene.scene()\n",
-    "file": "", "broken.npz": "abc", "two.csv": "travel,travel\n1,2\n", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "file": "", "broken.npz": "abc", "half.csv": "travel;lowered\n0,5;0,1\n",
     "book.xlsx": "PK", "one.csv": "load\n1\n",
     "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
 }  # fmt: skip
@@ -314,7 +297,6 @@ MISTAKES = [
     (3, "late.py, line 2: ZeroDivisionError", ["check", "late.py"]),
     (3, "three.py is int and no Scene", ["check", "three.py"]),
     (3, "the function needs mesh;", ["solve", "needs.py"]),
-    (3, "syntax.py, line 2: SyntaxError", ["solve", "syntax.py"]),
     (3, "geometry.py, line 4: ValueError: none", ["solve", "geometry.py", *AT]),
     (3, f"SETTINGS beside settings.py {WRONG_SETTINGS}", ["train", "settings.py"]),
     (130, "interrupted\n", ["check", "stops.py"]),
@@ -329,7 +311,6 @@ MISTAKES = [
     (3, "'travel=a' gives", ["solve", "MODEL", "--at", "travel=a"]),
     (3, "'5' gives no parameter a number: write --at travel=0.5, with a dec", ["solve", "MODEL", "--at", "travel=0,5"]),
     (3, "travel = nan is not finite: give a number", ["solve", "MODEL", "--at", "travel=nan,lowered=0"]),
-    (3, "travel = inf", ["solve", "MODEL", "--at", "travel=inf,lowered=0"]),
     (3, "travel = 4 is outside", ["solve", "MODEL", "--at", "travel=4,lowered=0"]),
     (2, "--out needs a mesh", ["solve", "MODEL", *AT, "--out", "a.vtu"]),
     (2, "all bodies are elastic", ["solve", "MODEL", *AT, "--duration", "2"]),
@@ -341,7 +322,6 @@ MISTAKES = [
     (2, "give one of --grid, --sobol", ["train", SPRING, "--sobol", "4", "--grid", "2,2"]),
     (2, "--budget belongs to --greedy", ["study", DEMO, "--budget", "4"]),
     (2, "--grid 4;4 must be counts", ["train", SPRING, "--grid", "4;4"]),
-    (3, "counts [4] of a grid must be 2", ["train", SPRING, "--grid", "4"]),
     (3, "tolerance = nan", ["train", SPRING, "--greedy", "nan"]),
     *((2, "is no part: write 3/8", ["train", SPRING, "--part", part]) for part in ("0/3", "4/3", "x", "1/2/3", "1")),
     (2, "holds the questions", ["answer", "MODEL", "good.csv", "--out", "good.csv"]),
@@ -357,7 +337,6 @@ MISTAKES = [
     (3, "is a folder, and a model is a file: did you mean ", ["answer", "FOLDER", "good.csv"]),
     (3, "there is no model file ", ["page", "FOLDER/condensed.npz"]),
     (3, "hhr.npz?\n", ["page", "FOLDER/condensed.npz"]),
-    (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
     (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
     (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
     (3, "folder.csv is a folder", ["answer", "MODEL", "good.csv", "--out", "folder.csv"]),
@@ -369,9 +348,10 @@ MISTAKES = [
     (3, "must end in .inp", ["export", DEMO, *AT, "--out", "a.txt"]),
     (2, "Missing option '--out'", ["export", DEMO, *AT]),
     (3, "there is no report", ["report", "folder"]),
-    (3, "file is no folder", ["report", "file"]),
     (2, "there are no pairing: kinds are", ["list", "pairing"]),
 ]
+ABSENT = set() if present("greedy") else {"--greedy", "--budget"}
+MISTAKES = [row for row in MISTAKES if (*row[2], "")[0] in {"", "solv", *COMMANDS} and not ABSENT & {*row[2]}]
 
 
 @pytest.mark.parametrize("made", ["{'training': 3}", "lambda: hhr.StudySettings([3])"])
@@ -389,9 +369,7 @@ def contents():
 
 
 @pytest.mark.parametrize(
-    ("code", "said", "words"),
-    [row for row in MISTAKES if present(*(plugin for word, plugin in WORDS.items() if word in row[2]))],
-    ids=lambda item: " ".join(item)[-60:] if isinstance(item, list) else "",
+    ("code", "said", "words"), MISTAKES, ids=lambda item: " ".join(item)[-60:] if isinstance(item, list) else ""
 )
 def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkeypatch):
     """And leave all files as they were."""
@@ -400,33 +378,24 @@ def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkey
         Path(name).write_bytes(text.encode() if isinstance(text, str) else text)
     for name in ("folder", "folder.vtu", "folder.csv"):
         Path(name).mkdir()
-    before = contents()
-    folder = trained[0]
+    before, folder = contents(), trained[0]
     places = {"MODEL": folder / "hhr.npz", "FOLDER": folder, "FOLDER/condensed.npz": folder / "condensed.npz"}
     found, output = invoke(*(places.get(word, word) for word in words))
     assert found == code and said in output, output
     assert code not in (2, 3) or contents() == before
 
 
-def options_of(command):
-    own = {word for item in command.params for word in (*item.opts, *item.secondary_opts)}
-    if not hasattr(command, "list_commands"):
-        return own
-    return own.union(*(options_of(command.get_command(None, name)) for name in command.list_commands(None)))
-
-
 def test_messages_name_options_that_are_there():
     """What an error or a warning advises must exist; options of other programs stand beside their names."""
-    known = options_of(command) | {"--user", "--help", *OF_DEMOS}
+    commands = command, *(command.get_command(None, name) for name in COMMANDS)
+    known = {word for one in commands for item in one.params for word in (*item.opts, *item.secondary_opts)}
+    # the last ones are those of demos
+    known |= {"--user", "--help", "--quick", "--batch", "--cells", "--order"}
     for path in Path(hhr.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value))
                 assert named <= known, (path.name, node.lineno, named)
-
-
-OF_DEMOS = {"--quick", "--batch", "--cells", "--order"}
-"""Options of demos."""
 
 
 @needs("pages", "exporters", "doors", "inelastic", "tables")
@@ -449,14 +418,8 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     variables = "2 variables\n0.04 push\n0.02 load\n1 functions\n1 ASV_1:force\n0 derivative_variables\n"
     Path("params.in").write_text(variables)
     known = model.solve([0.04, 0.02], duration=1.0, outside="ignore").outputs()["force"]
-    ask = {
-        "solve": ["--at", "push=0.04,load=0.02"],
-        "answer": ["q.csv"],
-        "dakota": ["params.in", "results.out"],
-        "page": [],
-        "embed": ["--out", "a.h"],
-        "serve": ["--host", "192.0.2.1"],
-    }
+    ask = {"solve": ["--at", "push=0.04,load=0.02"], "answer": ["q.csv"], "dakota": ["params.in", "results.out"]}
+    ask |= {"page": [], "embed": ["--out", "a.h"], "serve": ["--host", "192.0.2.1"]}
     classes = {(): "--known FILE.py:Bingham", ("--known", f"{law}s"): "has no 'Binghams'"}
     classes[("--known", law.replace(":Bingham", ":np"))] = "is module and no class"
     for name, words in ask.items():
@@ -485,23 +448,14 @@ def test_without_click_the_command_says_so_in_one_line():
 
 
 @needs("tables")
-def test_columns_of_forces_may_stay_out(trained, model, tmp_path):
+def test_columns_of_forces_may_stay_out(file, model, tmp_path):
     """Eighty-six of them are no table to read; all other columns are the same."""
-    (tmp_path / "q.csv").write_text("travel,lowered\n0.5,0.1\n0.6,0.1\n")
+    given = questions(tmp_path / "q.csv", ["travel", "lowered"], [[0.5, 0.1], [0.6, 0.1]])
     for name, words in (("all.csv", []), ("few.csv", ["--no-forces"])):
-        code, _ = invoke("answer", trained[0] / "hhr.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
-        assert code == 0
-    whole, few = (list(csv.reader(open(tmp_path / name, newline=""))) for name in ("all.csv", "few.csv"))
-    count = model.conditions
-    assert whole[0][-count:] == [f"force_{k}" for k in range(count)]
-    assert few == [row[:-count] for row in whole] and "total_force" in few[0]
-
-
-def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("prints.py").write_text(FILES["prints.py"])
-    code, output = invoke("solve", "prints.py", *AT)
-    assert code == 0 and output.count("it runs") == 1
+        assert invoke("answer", file, given, "--out", tmp_path / name, *words)[0] == 0
+    whole, few = (columns_of(tmp_path / name) for name in ("all.csv", "few.csv"))
+    forces = [f"force_{k}" for k in range(model.conditions)]
+    assert list(whole) == [*few, *forces] and "total_force" in few and whole.items() >= few.items()
 
 
 def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
@@ -511,21 +465,12 @@ def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["list"], pytest.param(["check", DEMO, "--picture", "it.png"], marks=needs("checks"))],
-    ids=["list", "check"],
+    "words", [["list"], pytest.param(["check", DEMO, "--picture", "it.png"], marks=needs("checks"))], ids=lambda w: w[0]
 )
 def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
-    with subprocess.Popen([sys.executable, *PROGRAM, *words], cwd=tmp_path, **pipes) as started:
+    with subprocess.Popen([sys.executable, *PROGRAM, *words], cwd=tmp_path, **PIPES) as started:
         started.stdout.close()
         assert started.stderr.read() == "" and started.wait(60) == 1
-
-
-def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
-    """A model in a file needs no MPI for one answer, and starts in the time of an import."""
-    found = run("solve", trained[0] / "hhr.npz", *AT, cwd=tmp_path)
-    assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
 
 
 @needs("tables")

@@ -1,6 +1,6 @@
 """Compiled functions: where they are kept, and what is said of those that take long."""
 
-import importlib.util
+import importlib
 import logging
 import os
 import sys
@@ -11,19 +11,14 @@ from numba.core import caching, config
 
 from hhr_dolfinx import compat
 
-SOURCE = "def twice(x):\n    return 2 * x\n"
-
 
 @pytest.fixture
 def twice(tmp_path, monkeypatch):
     """A function of a file of its own, as numba's cache asks for; whoever reads the cache imports it by its name."""
-    file = tmp_path / "twice_of_a_test.py"
-    file.write_text(SOURCE)
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, file.stem, module)
-    spec.loader.exec_module(module)
-    return module.twice
+    (tmp_path / "twice_of_a_test.py").write_text("def twice(x):\n    return 2 * x\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "twice_of_a_test", raising=False)
+    return importlib.import_module("twice_of_a_test").twice
 
 
 @pytest.fixture

@@ -1,19 +1,27 @@
 """Contents of mesh files: nothing is dropped without a word, and nothing that no scene names refuses the rest.
 
-All files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
-gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off.
+Most files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
+gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off. The last tests
+attack the readers: groups that overlap, shared names, odd decks, sides of hexahedra.
 """
 
+import json
 import re
 import warnings
+from dataclasses import replace
 
 import gmsh
+import meshio
 import numpy as np
 import pytest
-from dolfinx import io
+import ufl
+from bare import SCENE_FOLDERS
+from dolfinx import fem, io
+from launched import launch
+from libraries import MED, needs_med
 from mpi4py import MPI
 from needs import needs
-from scenes import slope, space
+from scenes import block_scene, slope, space
 from test_mesh_files import write_exodus
 
 import hhr_dolfinx as hhr
@@ -158,32 +166,11 @@ def nastran():
     return "\n".join([*rows, "ENDDATA", ""])
 
 
-def gmsh_without_groups():
-    rows = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(POINTS))]
-    rows += [f"{k} {x} {y} {z}" for k, (x, y, z) in enumerate(POINTS, 1)]
-    rows += ["$EndNodes", "$Elements", str(len(CUBES) + len(FACES))]
-    rows += [f"{k} 3 2 0 {n} " + " ".join(map(str, face)) for k, (n, face) in enumerate(FACES.items(), 1)]
-    rows += [f"{k + 4} 5 2 0 {k} " + " ".join(map(str, cube)) for k, cube in enumerate(CUBES, 1)]
-    return "\n".join([*rows, "$EndElements", ""])
-
-
-def vtu(**arrays):
-    cells = [*CUBES, *FACES.values()]
-    ends = np.cumsum([len(cell) for cell in cells]).tolist()
-
-    def array(kind, name, values, more=""):
-        numbers = " ".join(map(str, values))
-        return f'<DataArray type="{kind}" Name="{name}" format="ascii"{more}>{numbers}</DataArray>'
-
-    return (
-        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>'
-        f'<Piece NumberOfPoints="{len(POINTS)}" NumberOfCells="{len(cells)}">'
-        "<Points>" + array("Float64", "Points", np.ravel(POINTS), ' NumberOfComponents="3"') + "</Points><Cells>"
-        + array("Int64", "connectivity", [k - 1 for cell in cells for k in cell]) + array("Int64", "offsets", ends)
-        + array("UInt8", "types", [12, 12, 9, 9, 9, 9]) + "</Cells><CellData>"
-        + "".join(array("Float64" if name == "heat" else "Int64", name, values) for name, values in arrays.items())
-        + "</CellData></Piece></UnstructuredGrid></VTKFile>"
-    )  # fmt: skip
+def by_meshio(path, **arrays):
+    blocks = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
+    data = {name: [np.array(values[:2]), np.array(values[2:])] for name, values in arrays.items()}
+    meshio.write(path, meshio.Mesh(np.array(POINTS), blocks, cell_data=data), {".msh": "gmsh22"}.get(path.suffix))
+    return path
 
 
 def unv(data_set):
@@ -214,14 +201,14 @@ def su2():
     return "\n".join([*rows, ""])
 
 
+TWO_ARRAYS = {"rank": [0, 1, 0, 0, 1, 1], "marker": NUMBERS}
 MARKERS = {
     "properties of Nastran": ("c.bdf", nastran(), NUMBERS),
-    "entities of gmsh": ("c.msh", gmsh_without_groups(), NUMBERS),
-    "an array of any name": ("c.vtu", vtu(marker=NUMBERS), NUMBERS),
+    "entities of gmsh": ("c.msh", {"gmsh:physical": [0] * 6, "gmsh:geometrical": NUMBERS}, NUMBERS),
+    "an array of any name": ("c.vtu", {"marker": NUMBERS}, NUMBERS),
     "numbers beside ghosts and a field": (
-        "c.vtu", vtu(part=NUMBERS, vtkGhostType=[0] * 6, heat=[0.5] * 6), NUMBERS),
-    "one of two arrays": ("c.vtu", vtu(rank=[0, 1, 0, 0, 1, 1], marker=NUMBERS),
-                          ("marker:1", 2, 11, 12, 13, 14)),
+        "c.vtu", {"part": NUMBERS, "vtkGhostType": [0] * 6, "heat": [0.5] * 6}, NUMBERS),
+    "one of two arrays": ("c.vtu", TWO_ARRAYS, ("marker:1", 2, 11, 12, 13, 14)),
     "data set 2467": ("c.unv", unv(2467), NAMES),
     "data set 2477": ("c.unv", unv(2477), NAMES),
     "markers of SU2": ("c.su2", su2(), (1, None, *NAMES[2:])),
@@ -230,14 +217,14 @@ MARKERS = {
 
 @pytest.mark.parametrize("what", MARKERS)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
-    name, text, names = MARKERS[what]
-    assert pressure(written(tmp_path / name, text), names) == pytest.approx(10.0, rel=1e-9)
+    name, held, names = MARKERS[what]
+    path = written(tmp_path / name, held) if isinstance(held, str) else by_meshio(tmp_path / name, **held)
+    assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
 
 
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
-    path = written(tmp_path / "c.vtu", MARKERS["one of two arrays"][1])
     with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
-        pressure(path)
+        pressure(by_meshio(tmp_path / "c.vtu", **TWO_ARRAYS))
 
 
 def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
@@ -288,19 +275,16 @@ def points_apart(folder):
 
 def compressed(folder):
     path = by_dolfinx(folder)
+    text = path.read_text()
     with warnings.catch_warnings(action="ignore"):
         old = netcdf4("a test").Dataset(path.with_suffix(".h5"))
         with old, netcdf4("a test").Dataset(folder / "gz.h5", "w") as new:
             old.set_auto_mask(False)
-            for place in re.findall(r"cubes.h5:(\S+?)<", path.read_text()):
+            for k, place in enumerate(re.findall(r"cubes.h5:(\S+?)<", text)):
                 values = old[place][:]
-                group = new.createGroup(place.rpartition("/")[0])
-                name = place.rpartition("/")[2]
-                for k, size in enumerate(values.shape):
-                    group.createDimension(f"{name}{k}", size)
-                axes = [f"{name}{k}" for k in range(values.ndim)]
-                group.createVariable(name, values.dtype, axes, zlib=True)[:] = values
-    path.write_text(path.read_text().replace("cubes.h5", "gz.h5"))
+                axes = [new.createDimension(f"axis{k}{n}", size).name for n, size in enumerate(values.shape)]
+                new.createVariable(place, values.dtype, axes, zlib=True)[:] = values
+    path.write_text(text.replace("cubes.h5", "gz.h5"))
     path.with_suffix(".h5").unlink()
     return path
 
@@ -346,17 +330,13 @@ def test_xdmf_without_its_numbers(tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
-def exodus(path, form):
+@pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
+def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
     """Blocks of hexahedra, of faces and of a line, as meshio and MOOSE write them."""
     blocks = {1: ("HEX8", [CUBES[0]]), 5: ("BAR2", [(1, 16)]), 2: ("HEX8", [CUBES[1]])}
     blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items() if n != 14}
     # side 6 of the third element of the file, which is the second hexahedron
-    return write_exodus(path, POINTS, blocks, {14: [(3, 6)]}, form=form)
-
-
-@pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
-def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
-    path = exodus(tmp_path / "c.e", kind)
+    path = write_exodus(tmp_path / "c.e", POINTS, blocks, {14: [(3, 6)]}, form=kind)
     assert pressure(path) == pytest.approx(10.0, rel=1e-9)
     assert reasons(path) == {5: "a block of 1 elements of type BAR2, which are no cells"}
 
@@ -403,65 +383,44 @@ def bar(path, kind, shared, off=0.0):
 
 def pulled(path, dim):
     up = (0,) * (dim - 1) + (1,)
-    scene = hhr.Scene(
-        name="bar",
+    scene = block_scene(
+        "bar",
+        {"pull": (0.0, 10.0)},
         geometry=hhr.MeshFile(path),
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
         contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
         displacements=(*hhr.Displacement.clamp("FOOT", dim), *hhr.Displacement.clamp("TOP", dim - 1)),
         loads=(hhr.Traction("TOP", up, slope("pull")),),
-        parameters=space(pull=(0.0, 10.0)),
     )
     return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
+
+
+@pytest.mark.parametrize(("kind", "count"), [("CPE6", 1), ("C3D10", 3), ("C3D20", 4)])
+def test_common_sides_with_nodes_at_two_places_are_named(kind, count, tmp_path):
+    path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
+    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
 @pytest.mark.parametrize("kind", CELLS)
 def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, tmp_path):
     """As in the mesh in which they are shared; of the bar of two bricks p h / E = 5 * 2 / 1000."""
     dim = 2 if kind == "CPE6" else 3
-    right = pulled(bar(tmp_path / "one.inp", kind, shared=True), dim)
-    own = pulled(bar(tmp_path / "two.inp", kind, shared=False), dim)
-    assert own == pytest.approx(right, rel=1e-9)
-    if kind == "C3D20":
-        assert own == pytest.approx(0.01, rel=1e-9)
+    right, own = (pulled(bar(tmp_path / "bar.inp", kind, shared), dim) for shared in (True, False))
+    assert own == pytest.approx(right, rel=1e-9) and (kind != "C3D20" or own == pytest.approx(0.01, rel=1e-9))
 
 
-@pytest.mark.parametrize("kind", CELLS)
-def test_common_sides_with_nodes_at_two_places_are_named(kind, tmp_path):
-    count = {"CPE6": 1, "C3D10": 3, "C3D20": 4}[kind]
-    path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
-    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
-        hhr.MeshFile(path)(MPI.COMM_SELF)
-
-
-LAME = {
-    "a node of a side that is a corner": (
-        nodes_of_deck([(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)])
-        + "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n",
-        "a node in the middle that is that of another side or a corner of a cell",
-    ),
-
-    "a hexahedron that is a wedge": (
-        nodes_of_deck(POINTS[:8]) + "*ELEMENT, TYPE=C3D8, ELSET=A\n1, 1, 2, 3, 3, 5, 6, 7, 7\n",
-        "have a node twice",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", LAME)
-def test_cells_that_do_not_fit_are_refused_before_dolfinx_sees_them(what, tmp_path):
-    text, message = LAME[what]
-    with pytest.raises(FileContentError, match=message):
-        hhr.MeshFile(written(tmp_path / "lame.inp", text))(MPI.COMM_SELF)
-
-
-BEAM = DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0]
+def test_a_node_of_a_side_that_is_a_corner_is_refused_before_dolfinx_sees_it(tmp_path):
+    places = [(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)]
+    cells = "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n"
+    with pytest.raises(FileContentError, match="that is that of another side or a corner of a cell"):
+        hhr.MeshFile(written(tmp_path / "lame.inp", nodes_of_deck(places) + cells))(MPI.COMM_SELF)
 
 
 @pytest.fixture
 def beam(tmp_path):
-    return written(tmp_path / "beam.inp", BEAM)
+    return written(tmp_path / "beam.inp", DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0])
 
 
 def test_a_summary_of_a_file(beam):
@@ -491,17 +450,13 @@ def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
 
 
 @needs("checks")
-def test_check_of_a_scene_names_what_is_left_out(beam):
+def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, monkeypatch):
+    from shell import invoke
+
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     notes = [finding.text for finding in check_scene(two_cubes(beam, NAMES)).findings if finding.level == "note"]
     assert any("TABLE: 1 element of type S4" in text for text in notes)
-
-
-@needs("checks")
-def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
-    from shell import invoke
-
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     code, said = invoke("check", "beam.inp")
@@ -516,13 +471,14 @@ def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
 @needs("checks")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
-    from dataclasses import replace
-
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     scene = two_cubes(written(tmp_path / "blocks.inp", DECK), NAMES)
-    space = hhr.ParameterSpace(("down", "E"), (0.0, 500.0), (0.05, 1500.0))
-    varying = replace(scene, parameters=space, bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]))
+    varying = replace(
+        scene,
+        parameters=space(down=(0.0, 0.05), E=(500.0, 1500.0)),
+        bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]),
+    )
     brought = "as drawn, which imposed displacements bring to -0.015 to -0.015 at down = 0.025"
     for one, said in ((varying, f" {brought}"), (scene, ", facets")):
         (text,) = [item.text for item in check_scene(one).findings if "gaps from" in item.text]
@@ -543,3 +499,150 @@ def test_groups_of_nodes_of_med(tmp_path):
     order = np.random.default_rng(0).permutation(len(points))
     found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
     assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
+
+
+# ---------------------------------------------------------------- attacks
+
+
+def size_of(found, name, dim, density=1.0):
+    """Length, area or volume of what a name stands for, or the integral of a density over it, on all ranks."""
+    mesh, cells, facets = found
+    (numbers,) = [own for key, (of, own) in found.physical_groups if key == name and of == dim]
+    measure, tags = (ufl.dx, cells) if dim == mesh.topology.dim else (ufl.ds, facets)
+    form = fem.form(density * fem.Constant(mesh, 1.0) * measure(subdomain_data=tags)(tuple(numbers)))
+    return mesh.comm.allreduce(fem.assemble_scalar(form))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two rectangles in every format of gmsh, with overlapping groups, and a name that a body and a line share."""
+    path = tmp_path_factory.mktemp("meshes")
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    lower, upper = (gmsh.model.occ.addRectangle(0, y, 0, 2, 1) for y in (0, 2))
+    gmsh.model.occ.synchronize()
+    for dim, members, name in ((2, [lower], "a b"), (2, [upper], "upper"), (2, [lower, upper], "both"),
+                               (1, [1, 2], "corner"), (1, [5, 6], "upper"), (1, [2], "right")):  # fmt: skip
+        gmsh.model.addPhysicalGroup(dim, members, tag=78 if name == "corner" else -1, name=name)
+    gmsh.model.addPhysicalGroup(1, [1], tag=77)
+    gmsh.model.mesh.setSize(gmsh.model.getEntities(0), 0.5)
+    gmsh.model.mesh.generate(2)
+    for version, binary in ((2.2, 1), (4.1, 1), (2.2, 0), (4.1, 0)):
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
+        gmsh.write(str(path / f"{version}_{binary}.msh"))
+    gmsh.write(str(path / "flat.inp"))
+    if MED:
+        gmsh.write(str(path / "flat.med"))
+    gmsh.finalize()
+    return path
+
+
+@pytest.mark.parametrize(
+    "name",
+    [*(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)), pytest.param("flat.med", marks=needs_med), "flat.inp"],
+)
+def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
+    found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)
+    assert found[0].topology.index_map(2).size_local == 44
+    body = "a_b" if name.endswith("inp") else "a b"
+    wanted = [(body, 2, 2), ("upper", 2, 2), ("both", 2, 4), ("corner", 1, 3), ("upper", 1, 3), ("right", 1, 1)]
+    # numbers are as good as names, of lines that are in several groups too
+    wanted += [(77, 1, 2), (78, 1, 3)] if name.endswith("msh") else []
+    for key, dim, size in wanted:
+        assert size_of(found, key, dim) == pytest.approx(size, rel=1e-12), key
+
+
+ODD_DECK = """*HEADING
+ a deck, by hand
+  ** a comment that is set in
+*node, nset="all nodes"
+10, , , 0.
+20,1.0D+00,0.,
+30,1.,\t1.
+40,0.,1.
+*INCLUDE, INPUT=more.txt
+*Element, TYPE=CPE4R,
+ ELSET="left part"
+7,10,20,
+30,40
+*ELEMENT, TYPE=CAX4, ELSET=right
+ 1000,20,50,60,30
+*NODE OUTPUT
+ U
+*Elset, elset=every, generate
+7, 1000, 993
+*ELSET, ELSET=BOTH
+"left part", right
+*NSET, NSET=base, GENERATE
+10, 20, 10
+50, 50, 1
+*NSET, NSET=nothing
+9999
+*SURFACE, NAME="under side", TYPE=ELEMENT
+"left part", S1
+both, S3
+*SURFACE, TYPE=NODE, NAME=knots
+base, 1.
+*STEP
+*END STEP
+"""
+
+
+def test_a_deck_with_every_oddity(tmp_path):
+    (tmp_path / "more.txt").write_text("50, 3., 0.\n60, 3., 1.\n*NODE\n99, 7., 7.\n")
+    (tmp_path / "deck.inp").write_bytes(b"\xef\xbb\xbf" + ODD_DECK.replace("\n", "\r\n").encode())
+    found = hhr.MeshFile(tmp_path / "deck.inp", scale=2.0)(MPI.COMM_SELF)
+    assert found[0].geometry.x.shape == (6, 3)
+    for name, size in (("left part", 1), ("right", 2), ("BOTH", 3), ("every", 3)):
+        assert size_of(found, name, 2) == pytest.approx(4.0 * size), name
+    assert size_of(found, "under side", 1) == pytest.approx(2.0 * (1 + 3))
+    assert size_of(found, "base", 1) == size_of(found, "knots", 1) == pytest.approx(2.0 * 3)
+    assert "nothing" not in {key for key, _ in found.physical_groups}
+
+
+@pytest.mark.parametrize(("kind", "count"), [("COH2D4", 4), ("AC3D8", 8), ("CCL12", 6)])
+def test_elements_that_are_no_solids_are_refused_by_name(kind, count, tmp_path):
+    nodes = nodes_of_deck([(n % 2, n // 2 % 2, n // 4) for n in range(count)], 0)
+    path = written(tmp_path / "d.inp", f"{nodes}*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(count)))}\n")
+    with pytest.raises(FileContentError, match=kind):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+def test_sides_of_hexahedra_of_exodus(tmp_path):
+    """By the manual: -y, +x, +y, -x, -z, +z, and a set that is empty; areas and the normals that point out."""
+    corners, lengths = [(0, 0), (1, 0), (1, 1), (0, 1)], np.array([1.0, 2.0, 4.0])
+    points = [(*corner, z) for z in (0, 1) for corner in corners] * lengths
+    sides = {10 + k: [(1, k)] for k in range(1, 7)} | {17: None}
+    path = write_exodus(tmp_path / "box.exo", points, {5: ("HEX8", [range(1, 9)])}, sides)
+    found = hhr.MeshFile(path)(MPI.COMM_SELF)
+    normal = ufl.FacetNormal(found[0])
+    for k, (axis, sign) in enumerate([(1, -1), (0, 1), (1, 1), (0, -1), (2, -1), (2, 1)], 11):
+        assert size_of(found, k, 2) == pytest.approx(8.0 / lengths[axis])
+        assert size_of(found, k, 2, normal[axis]) == pytest.approx(sign * 8.0 / lengths[axis])
+
+
+def test_small_cells_far_from_the_origin(tmp_path):
+    nodes = nodes_of_deck([(1e6 + 1e-3 * (n % 3), -1e6 + 1e-3 * (n // 3)) for n in range(6)], 0)
+    text = f"{nodes}*ELEMENT, TYPE=CPS4, ELSET=b\n1,0,1,4,3\n2,1,2,5,4\n*NSET, NSET=low\n0,1,2\n"
+    found = hhr.MeshFile(written(tmp_path / "far.inp", text))(MPI.COMM_SELF)
+    assert size_of(found, "b", 2) == pytest.approx(2e-6, rel=1e-6)
+    assert size_of(found, "low", 1) == pytest.approx(2e-3, rel=1e-6)
+
+
+def print_sizes(*paths):
+    """Of all groups of mesh files, by the first rank."""
+    sizes = {}
+    for path in paths:
+        found = hhr.MeshFile(path)(MPI.COMM_WORLD)
+        sizes |= {path + str(key): size_of(found, key, dim) for key, (dim, _) in found.physical_groups}
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(sizes))
+
+
+@needs("ranks")
+def test_ranks_have_the_same_surfaces(folder):
+    paths = [str(folder / name) for name in ("2.2_1.msh", "flat.inp")]
+    program = f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; t.print_sizes(*{paths!r})"
+    one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
+    assert three == pytest.approx(one, rel=1e-12)

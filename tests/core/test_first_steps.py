@@ -1,10 +1,13 @@
 """What a newcomer meets first: output in a file and on a terminal, folders that cannot be written, the set-up."""
 
+import fcntl
 import os
+import pty
 import re
+import struct
 import subprocess
 import sys
-import tomllib
+import termios
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -30,12 +33,21 @@ cli.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " *
 """
 
 
+def wishing(**wishes):
+    """What is around a program, with no wishes for its output but these."""
+    unasked = "COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE"
+    return {key: value for key, value in os.environ.items() if key not in unasked} | wishes
+
+
+def run_talk(folder, *out, code=0, **how):
+    return python("-c", SPEAKS, *(word for name in out for word in ("--out", name)), code=code, cwd=folder, **how)
+
+
 @needs("studies")
 @pytest.mark.parametrize("wishes", [{}, {"TERM": "dumb"}, {"COLUMNS": "40"}, {"FORCE_COLOR": "1", "TERM": "dumb"}])
 def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
     """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
-    asked = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE")}
-    run = run_talk(tmp_path, env=asked | wishes)
+    run = run_talk(tmp_path, env=wishing(**wishes))
     plain = re.sub(r"\x1b\[[\d;]*m", "", run.stdout)
     assert plain == run.stdout or "FORCE_COLOR" in wishes
     assert "\x1b" not in plain and "\r" not in plain
@@ -48,14 +60,10 @@ def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
 
 @needs("studies")
 def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
-    pty = pytest.importorskip("pty")
-    struct, fcntl, termios = (pytest.importorskip(name) for name in ("struct", "fcntl", "termios"))
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 60, 0, 0))
-    unasked = ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE")
-    asked = {key: value for key, value in os.environ.items() if key not in unasked} | {"TERM": "xterm"}
-    run = subprocess.Popen([sys.executable, "-c", SPEAKS], stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path,
-                           env=asked)  # fmt: skip
+    ends = {"stdin": theirs, "stdout": theirs, "stderr": theirs}
+    run = subprocess.Popen([sys.executable, "-c", SPEAKS], **ends, cwd=tmp_path, env=wishing(TERM="xterm"))
     os.close(theirs)
     text = b""
     try:
@@ -70,10 +78,6 @@ def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
     assert "3 to do" not in shown
     words = [line for line in re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).splitlines() if "word word" in line]
     assert len(words) > 4 and max(map(len, words)) <= 60
-
-
-def run_talk(folder, *out, code=0, **how):
-    return python("-c", SPEAKS, *(word for name in out for word in ("--out", name)), code=code, cwd=folder, **how)
 
 
 @needs("studies")
@@ -157,7 +161,7 @@ def test_one_list_of_system_packages():
 def set_up(folder):
     """``scripts/setup.sh`` of a copy of a project, with the Python that lies in it."""
     environment = os.environ | {"PYTHON": str(folder / "python"), "HOME": str(folder)}
-    command = ["sh", str(folder / "scripts/setup.sh")]
+    command = ["sh", folder / "scripts/setup.sh"]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=WAIT)
 
 
@@ -215,12 +219,6 @@ def test_set_up_removes_no_environment_but_its_own(tmp_path):
     assert not (tmp_path / ".venv/pyvenv.cfg").exists()
 
 
-def test_slow_tests_are_left_out_by_default():
-    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
-    assert "-m 'not slow'" in options["addopts"]
-    assert any(marker.startswith("slow:") for marker in options["markers"])
-
-
 def test_readme_and_image_tell_the_same_commands():
     readme, image = ((ROOT / name).read_text() for name in ("README.md", "Dockerfile"))
     commands = re.findall(r"^#   (.+)$", image, re.MULTILINE)
@@ -265,10 +263,3 @@ def test_dolfinx_may_be_imported_first(tmp_path):
         "print(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
     )
     assert python("-c", program).stdout == "Mesh True\n"
-
-
-def test_the_base_of_all_errors_is_a_public_name():
-    import hhr_dolfinx as hhr
-    from hhr_dolfinx.errors import SceneError
-
-    assert issubclass(SceneError, hhr.HHRError) and "HHRError" in hhr.__all__

@@ -23,30 +23,20 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
 
 SCRIPTS = [path for folder in ("demos", "benchmarks/thesis") for path in (ROOT / folder).rglob("*.py")]
-
-
-def modules():
-    found = {}
-    for folder, package in FOLDERS.items():
-        for path in (ROOT / folder).rglob("*.py"):
-            parts = path.relative_to(ROOT / folder).with_suffix("").parts
-            found[".".join([package, *parts]).removesuffix(".__init__")] = path
-    return found
-
-
-MODULES = modules()
+MODULES = {
+    ".".join([package, *path.relative_to(ROOT / folder).with_suffix("").parts]).removesuffix(".__init__"): path
+    for folder, package in FOLDERS.items()
+    for path in (ROOT / folder).rglob("*.py")
+}
+"""Files of the package by the names of their modules."""
 
 
 @functools.cache
 def all_imports(name, types=False):
     """What a module imports by full names, inside functions too; with what is for type checking only, or without."""
     tree, found = ast.parse(MODULES[name].read_text()), []
-    unseen = {
-        inner
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test) and not types
-        for inner in ast.walk(node)
-    }
+    guards = (node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+    unseen = set() if types else {inner for node in guards for inner in ast.walk(node)}
     for node in set(ast.walk(tree)) - unseen:
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
@@ -82,12 +72,6 @@ PACKAGES = {
 """Packages of others on the page, each with the rooms that may import it."""
 
 
-def all_are_present():
-    """True if none of our plug-ins was deleted."""
-    page = (ROOT / "docs/plug_ins.md").read_text().partition("## Your own")[0]
-    return present(*re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
-
-
 def test_the_page_names_all_layers_once():
     assert sorted(LAYERS) == sorted({room(name) for name in MODULES} - {"__init__"})
 
@@ -108,7 +92,7 @@ def test_a_module_imports_only_the_packages_of_others_that_its_room_may():
 def test_the_page_allows_no_package_to_a_room_that_does_not_import_it():
     used = {(target.split(".")[0], room(name)) for name in MODULES for target in all_imports(name)}
     # what a plug-in imports that was deleted nobody else may
-    rooms = {room(name) for name in MODULES} - (set() if all_are_present() else {"plugins"})
+    rooms = {room(name) for name in MODULES} - (set() if present(*OURS) else {"plugins"})
     allowed = {(package, name) for package, places in PACKAGES.items() for name in places if name in rooms}
     assert allowed <= used, allowed - used
 
@@ -143,22 +127,17 @@ def test_functions_fit_on_a_screen():
         assert node.end_lineno - node.lineno < 60, (path, node.name)
 
 
-def without_types(path):
-    """Names of the public functions and methods of a file that do not say what they take and return."""
-    tree = ast.parse(path.read_text())
-    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
-    # a function within a function is no interface
-    for node in (item for part in (tree, *classes) for item in part.body):
-        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-            arguments = node.args
-            given = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs, arguments.vararg, arguments.kwarg]
-            untyped = [a for a in given if a and a.annotation is None and a.arg not in ("self", "cls")]
-            if untyped or node.returns is None:
-                yield node.name
-
-
 def test_public_functions_say_their_types():
-    found = [(path.name, function) for path in MODULES.values() for function in without_types(path)]
+    """What they take and return; a function within a function is no interface."""
+    found = []
+    for path in MODULES.values():
+        tree = ast.parse(path.read_text())
+        classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+        for node in (item for part in (tree, *classes) for item in part.body):
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                given = [item for item in ast.iter_child_nodes(node.args) if isinstance(item, ast.arg)]
+                if node.returns is None or any(a.annotation is None and a.arg not in ("self", "cls") for a in given):
+                    found.append((path.name, node.name))
     assert not found
 
 
@@ -174,103 +153,59 @@ def test_one_clock():
     assert holders == ["timing.py"]
 
 
-def own(room, names):
-    return [f"hhr_dolfinx.{room}.{name}" for name in names.split()]
+def own(names):
+    return {f"hhr_dolfinx.{name}" for name in names.split()}
 
 
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
+OF_NEITHER = {"kmedoids", "matplotlib", "pyvista", "sklearn"} | own(
+    "full_order.outputs full_order.varying models.eliminations.block models.gradient models.many outputs "
+    "plugins.studies.plots reduction.starts sampling"
+)
+"""Outputs, gradients, many parameters at once, stiffness that varies, samplings and pictures."""
 UNNEEDED = {
-    "flow": [
-        *own("plugins.inelastic", "laws constants update march reduced_flow full_order project study condense_flow"),
-        *own("plugins.inelastic", "condensed_step condensed_fields condensed_flow"),
-        *own("full_order", "gauss_points"),
-    ],
-    "meshes that do not match": [
-        *own("pairings", "node_to_surface projection"),
-        *own("plugins.mortar", "pairing segments"),
-        "shapely",
-    ],
-    "clustering and peers": [
-        *own("plugins", "local.clusters local.subspaces theorems.theorems"),
-        *("sklearn", "kmedoids"),
-    ],
-    "pictures": [*own("plugins.studies", "plots"), "matplotlib", "pyvista"],
-    "outputs": [
-        "hhr_dolfinx.outputs",
-        *own("full_order", "outputs"),
-        *own("models.functionals", "functional kinds"),
-        "hhr_dolfinx.plugins.stress.mesh",
-    ],
-    "many parameters at once": own("models", "many"),
-    "elasticity and shapes that depend on parameters": [
-        "hhr_dolfinx.formulas",
-        *own("full_order", "varying"),
-        *own("plugins.shapes", "shape reshaped"),
-        *own("plugins.moduli", "shaped interpolated interpolation condense interpolate interpolate_reduced"),
-        *own("models.eliminations", "block"),
-        *own("reduction", "starts"),
-    ],
-    "gradients": [*own("models", "gradient"), *own("plugins.inelastic", "history_gradient")],
-    "samplings": ["hhr_dolfinx.sampling"],
-    "greedy training": own("plugins.greedy", "greedy indicators"),
-    "families of paths": own("plugins.paths", "path_families"),
-    "loads on bodies": own("plugins.volume_loads", "loads"),
-}
-"""What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
-OF_FILES = {*own("models.functionals", "kinds functional"), "hhr_dolfinx.formulas"}
-"""What checks a file of condensed flow where it is written, and knows all that such files may hold."""
-UNNEEDED_BY_FLOW = {
-    what: [name for name in names if name not in OF_FILES]
-    for what, names in UNNEEDED.items()
-    if what not in ("flow", "meshes that do not match", "loads on bodies")
-}
-ELASTIC_ALONE = [*own("plugins", "studies.points baselines.naive"), *own("reduction", "exact")]
-UNNEEDED_BY_FLOW["what only elastic scenes are compared with"] = ELASTIC_ALONE
-"""What a study of a scene that flows does without."""
+    "elastic": OF_NEITHER | {"shapely"} | own(
+        "formulas full_order.gauss_points models.functionals.functional models.functionals.kinds "
+        "pairings.node_to_surface pairings.projection"),
+    "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
+}  # fmt: skip
+"""What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
+OF_BOTH = {"checks", "differences", "small_strains", "studies"}
+PLUGINS = {"elastic": OF_BOTH | {"baselines"}, "inelastic": OF_BOTH | {"inelastic", "mortar", "volume_loads"}}
+"""All plug-ins of which such a study loads more than the manifest."""
 
-ELASTIC = """
+STUDIES = {"elastic": """
 import hertz_half_discs as demo
 scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS().adapted(seed=1, quick=True)
-"""
-FLOWING = """
+""", "inelastic": """
 import pellet_cladding_plastic as demo
 mesh = {"radial_cells": 6, "axial_cells": 10, "cladding_radial_cells": 2, "cladding_axial_cells": 7}
 scene, paths = demo.scene(**mesh), {gap: demo.path(gap, 4) for gap in (5.0, 8.0, 10.0, 15.0)}
 settings = hhr.StudySettings([paths[5.0], paths[15.0]], held_out=[paths[8.0]], tests={"10": paths[10.0]}, repetitions=1)
-"""
+"""}  # fmt: skip
 
 
-def modules_of_a_study(program, folder):
-    """Modules loaded by a whole study, report and model file included, pictures not."""
+@pytest.mark.parametrize("study", ["elastic", pytest.param("inelastic", marks=(pytest.mark.slow, needs("inelastic")))])
+@needs("studies")
+def test_a_scene_loads_what_it_names(study, tmp_path):
+    """In a whole study, report and model file included, pictures not."""
     program = (
         f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
-        f"from pathlib import Path\nimport hhr_dolfinx as hhr\nfrom rich.console import Console\n{program}\n"
+        f"from pathlib import Path\nimport hhr_dolfinx as hhr\nfrom rich.console import Console\n{STUDIES[study]}\n"
         "study = hhr.study_scene(scene, settings, Path('.'))\n"
         "study.write(Path('.'), Console(quiet=True))\n"
         "print(*sys.modules, sep='\\n', file=open('modules', 'w'))\n"
     )
-    python("-c", program, cwd=folder)
-    assert (folder / "report.json").exists() and (folder / "study.npz").exists()
-    found = set((folder / "modules").read_text().split())
-    assert "hhr_dolfinx.reduction.build" in found
-    return found
-
-
-@pytest.mark.parametrize(
-    ("program", "unneeded"),
-    [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic")))],
-    ids=["elastic", "inelastic"],
-)
-@needs("studies")
-def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
-    found = modules_of_a_study(program, tmp_path)
-    assert not {what: found & set(names) for what, names in unneeded.items() if found & set(names)}
+    python("-c", program, cwd=tmp_path)
+    assert (tmp_path / "report.json").exists() and (tmp_path / "study.npz").exists()
+    found = set((tmp_path / "modules").read_text().split())
+    assert "hhr_dolfinx.reduction.build" in found and not found & UNNEEDED[study]
+    assert set(re.findall(r"hhr_dolfinx\.plugins\.(\w+)\.", "\n".join(found))) <= PLUGINS[study]
 
 
 def test_what_is_not_loaded_exists():
     """A module that was renamed would be absent for the wrong reason."""
-    names = {name for listed in (UNNEEDED, UNNEEDED_BY_FLOW) for of in listed.values() for name in of}
-    ours = {name for name in names if name.startswith("hhr_dolfinx")}
+    ours = {name for names in UNNEEDED.values() for name in names if name.startswith("hhr_dolfinx")}
     assert {name for name in ours if ".plugins." not in name or present(name.split(".")[2])} <= set(MODULES)
 
 
@@ -281,11 +216,8 @@ def test_examples_in_docstrings(name):
 
 
 def test_values_are_assigned_one_by_one():
-    found = [
-        (path.name, node.lineno)
-        for path, node in nodes(ast.Assign)
-        if isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple)
-    ]
+    of_tuples = (item for item in nodes(ast.Assign) if isinstance(item[1].value, ast.Tuple))
+    found = [(path.name, node.lineno) for path, node in of_tuples if isinstance(node.targets[0], ast.Tuple)]
     assert len(found) < 20, found
 
 
@@ -298,13 +230,9 @@ def test_models_do_not_ask_for_attributes():
 
 def test_one_solve():
     paths = [path for name, path in MODULES.items() if room(name) in ("models", "full_order", "baselines")]
-    found = [
-        node.name
-        for _, node in nodes(ast.ClassDef, paths=paths)
-        for item in node.body
-        if isinstance(item, ast.FunctionDef) and item.name == "solve" and "mu" in [arg.arg for arg in item.args.args]
-    ]
-    assert sorted(found) == ["AnsweringModel", "Model"]
+    parts = ((node.name, item) for _, node in nodes(ast.ClassDef, paths=paths) for item in node.body)
+    solves = ((name, item.args.args) for name, item in parts if getattr(item, "name", "") == "solve")
+    assert sorted(name for name, given in solves if "mu" in [a.arg for a in given]) == ["AnsweringModel", "Model"]
 
 
 def test_pages_name_what_is_there():
@@ -356,14 +284,10 @@ QUOTED = re.compile(r"\d[\d.,]* ?(?:ms|us|µs|%|times)(?![\w-])|\d+ queries")
 
 
 def test_the_table_of_readme_is_that_of_the_file():
+    """A changed figure is seen."""
     assert figures.with_table(README, KEPT) == README
-    assert KEPT
-
-
-def test_a_changed_figure_is_seen():
-    name = next(iter(KEPT))
-    changed = KEPT | {name: KEPT[name] | {"N": KEPT[name]["N"] + 1}}
-    assert figures.with_table(README, changed) != README
+    name, row = next(iter(KEPT.items()))
+    assert figures.with_table(README, KEPT | {name: row | {"N": row["N"] + 1}}) != README
 
 
 def test_readme_quotes_no_figure_outside_of_the_table():

@@ -4,7 +4,9 @@ import copy
 import dataclasses
 import json
 import pickle
+import shutil
 from dataclasses import dataclass, replace
+from functools import cache
 
 import contract
 import numpy as np
@@ -16,7 +18,7 @@ from flowing import pellet_path as heated
 from kept_values import array, both, entry, node_of, put, rewrite_model
 from needs import needs, present
 from parted import CUT, REACH, by_lapack, one_cut, parts_of, pellet_training, three_models
-from scenes import largest_difference, pressed_block, slope
+from scenes import pressed_block, slope
 from threads import at_once
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
@@ -41,23 +43,20 @@ QUICK = {
     "exact condensation", "interpolated condensation, moduli", "HHR, constant", "HHR, moduli",
     "exact condensation, friction", "HHR, floating", "pellet", *LOCAL, *FLOWING[1:],
 }  # fmt: skip
-KINDS = [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.slow) for kind in ALL]
+
+
+def quick(kind, *given):
+    """A case, slow where its kind is."""
+    return pytest.param(kind, *given, marks=() if kind in QUICK else pytest.mark.slow)
+
+
+KINDS = [quick(kind) for kind in ALL]
 QUIET = hhr.MarchSettings(outside="ignore")
 OUTPUTS = (
     hhr.LargestPressure("peak", 0, unit="MPa"),
     *((hhr.VonMises("mean", geometry.PELLET, "mean"),) if present("stress") else ()),
     hhr.DisplacementAt("u", (4.7, 6.0), 0, unit="mm"),
 )
-
-
-class Made(dict):
-    def __init__(self, make):
-        super().__init__()
-        self.make = make
-
-    def __missing__(self, kind):
-        self[kind] = found = self.make(kind)
-        return found
 
 
 def corrected(full, known):
@@ -69,8 +68,9 @@ def corrected(full, known):
 @pytest.fixture(scope="module")
 def models():
     """One model of each kind: those of the contract, and pellets with pressures on parts of lines, laws, outputs."""
-    pellets = Made(lambda name: pellet_training())
+    trained = cache(pellet_training)
 
+    @cache
     def made(kind):
         if kind in OF_CONTRACT:
             return contract.model_of(kind)
@@ -80,33 +80,38 @@ def models():
             full = hhr.FullOrderModel(pellet_of_moduli(outputs=OUTPUTS))
             known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
             return corrected(full, known)
-        training = pellets["one"]
         if kind == "pellet":
-            return hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
-        return three_models(training)
+            return hhr.build(trained().full_order, trained().snapshots, hhr.Recipe().as_it_is())
+        return three_models(trained())
 
-    return Made(made)
+    return made
 
 
 @pytest.fixture(scope="module")
 def kept(models, tmp_path_factory):
     folder = tmp_path_factory.mktemp("kept")
 
+    @cache
     def saved(kind):
         path = folder / f"{ALL.index(kind)}.npz"
-        hhr.save_model(path, models[kind])
+        hhr.save_model(path, models(kind))
         return path
 
-    return Made(saved)
+    return saved
 
 
 @pytest.fixture
 def file(kept, tmp_path):
-    def of(kind="pellet"):
-        (tmp_path / "model.npz").write_bytes(kept[kind].read_bytes())
-        return tmp_path / "model.npz"
+    return lambda kind="pellet": shutil.copy(kept(kind), tmp_path / "model.npz")
 
-    return of
+
+def called(name):
+    return dataclasses.make_dataclass(name, [], frozen=True)
+
+
+def refused(path, why, **how):
+    with pytest.raises(ModelFileError, match=why):
+        hhr.load_model(path, **how)
 
 
 def points_of(model, count=5):
@@ -126,15 +131,19 @@ def answers_of(model):
 
 
 def bits(model):
+    return bits_of(answers_of(model), model.fields.functionals is not None)
+
+
+def bits_of(answers, outputs=False):
     found = []
-    for answer in answers_of(model):
+    for answer in answers:
         parts = [answer.parameter, answer.unknown, answer.multipliers, answer.displacement(), answer.forces()]
         if "gauss" in answer.memory:
             parts += [answer.stress(), answer.plastic_strain()]
         estimate = answer.estimate()
         found += [part.tobytes() for part in parts]
         found.append(None if estimate is None else tuple(estimate[:5]))
-        found.append(None if model.fields.functionals is None else dict(answer.outputs()))
+        found.append(dict(answer.outputs()) if outputs else None)
     return repr(found)
 
 
@@ -155,7 +164,7 @@ def same_library(model):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_comes_back_to_the_last_bit(kind, models, kept):
     """Its answers, and every array and number that it is made of; written again it is the same."""
-    model, stored = models[kind], hhr.load_model(kept[kind])
+    model, stored = models(kind), hhr.load_model(kept(kind))
     assert type(stored) is type(model) and stored.offline is None
     assert bits(stored) == bits(same_library(model))
     (mine, own), (theirs, others) = as_plain(stored), as_plain(model.for_file())
@@ -167,24 +176,16 @@ def test_a_model_comes_back_to_the_last_bit(kind, models, kept):
 @pytest.mark.parametrize("kind", KINDS)
 def test_copies_answer_alike(kind, models):
     for copied in (copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))):
-        again = copied(models[kind])
-        assert bits(again) == bits(models[kind]) and again.offline is None
+        again = copied(models(kind))
+        assert bits(again) == bits(models(kind)) and again.offline is None
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_lie_as_files_keep_them(kind, models):
     """Else sums of a model that was read run in another order than those of the one that was written."""
-    found = arrays_of(models[kind].for_file())
+    found = arrays_of(models(kind).for_file())
     # arrays of exact condensation lie in one, which copies make again
     assert kind.startswith("exact") or not [array.strides for array in found if not array.flags.forc]
-
-
-def test_answers_are_those_of_the_library_that_made_it(models, kept):
-    """PETSc's blocks differ from LAPACK's by round-off, 1e-15 of the largest seen."""
-    for one, other in zip(*(answers_of(item) for item in (hhr.load_model(kept["pellet"]), models["pellet"])),
-                          strict=True):  # fmt: skip
-        assert largest_difference(one.forces(), other.forces()) < 1e-12
-        assert largest_difference(one.displacement(), other.displacement()) < 1e-12
 
 
 def test_a_file_holds_whatever_class_declares():
@@ -220,11 +221,11 @@ assert not heavy, heavy
 @pytest.mark.parametrize("petsc", ["there", "missing"])
 def test_another_process_answers_without_dolfinx(petsc, kept, models):
     """To the last bit, whether there is more than numpy and scipy or not, and numba where bodies flow."""
-    names = json.dumps({kind: str(kept[kind]) for kind in ALL})
+    names = json.dumps({kind: str(kept(kind)) for kind in ALL})
     lines = [json.loads(line) for line in python("-c", ALONE, petsc, names).stdout.splitlines()]
     assert [line[0] for line in lines] == list(ALL)
     for kind, forces, displacement, values in lines:
-        model = hhr.load_model(kept[kind])
+        model = hhr.load_model(kept(kind))
         middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
         answer = model.solve(middle, outside="ignore", raise_on_failure=False)
         assert answer.forces().tobytes().hex() == forces and answer.displacement().tobytes().hex() == displacement
@@ -233,7 +234,7 @@ def test_another_process_answers_without_dolfinx(petsc, kept, models):
 
 def test_an_elastic_model_loads_no_flow(kept):
     """Nor numba, nor what only takes time to load; a scene pulls in what it names."""
-    program = f"import sys, hhr_dolfinx as hhr\nhhr.load_model({str(kept['pellet'])!r})\n" + (
+    program = f"import sys, hhr_dolfinx as hhr\nhhr.load_model({str(kept('pellet'))!r})\n" + (
         "late = 'numba', 'scipy.optimize', 'scipy.spatial', 'scipy.interpolate'\n"
         "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.plugins.inelastic.update')]\n"
         "assert not found, found"
@@ -243,7 +244,7 @@ def test_an_elastic_model_loads_no_flow(kept):
 
 @needs("inelastic")
 def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
-    model = models["condensed pellet"]
+    model = models("condensed pellet")
     given = np.zeros_like(model.fields.given)
     given[3, 1], given[5, 2] = -0.0, 2.0
     hhr.save_model(tmp_path / "model.npz", model.changed(fields=replace(model.fields, given=given)))
@@ -251,20 +252,20 @@ def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
         assert found["fields.given.places"].size == 2 and "fields.given" not in found.files
     assert hhr.load_model(tmp_path / "model.npz").fields.given.tobytes("A") == given.tobytes("A")
     # of the gaps of 42 terms only one column is not zero: 16 bytes for each condition
-    with np.load(kept["pellet"]) as found:
+    with np.load(kept("pellet")) as found:
         size = sum(found[name].nbytes for name in found.files if name.startswith("fields.gaps"))
-    assert size <= 16 * len(models["pellet"].fields.gaps)
+    assert size <= 16 * len(models("pellet").fields.gaps)
 
 
 @needs("local")
 def test_what_models_share_is_kept_once(models, kept, tmp_path):
     """S, the free slack, the modes of a basis that all have."""
-    stored = hhr.load_model(kept["local pellet"])
+    stored = hhr.load_model(kept("local pellet"))
     for model in stored.models[1:]:
         for name in ("schur", "cross", "free_slack"):
             assert getattr(model.fields.bound, name) is getattr(stored.models[0].fields.bound, name)
         assert model.fields.basis is stored.models[0].fields.basis
-    local = models["local pellet"]
+    local = models("local pellet")
     hhr.save_model(tmp_path / "twice.npz", hhr.LocalModels([local.models[0]] * 2, one_cut(1, CUT, REACH)))
     hhr.save_model(tmp_path / "once.npz", local.models[0])
     more = (tmp_path / "twice.npz").stat().st_size - (tmp_path / "once.npz").stat().st_size
@@ -274,7 +275,7 @@ def test_what_models_share_is_kept_once(models, kept, tmp_path):
 @needs("inelastic")
 def test_gradients_come_back(models, kept):
     """Along moduli too; von Mises' stress at Gauss points has none."""
-    model = models["condensed pellet"]
+    model = models("condensed pellet")
     some = replace(model.fields.functionals, items=model.fields.functionals.items[::2])
     model = model.changed(fields=replace(model.fields, functionals=some))
     again = pickle.loads(pickle.dumps(model))
@@ -289,19 +290,14 @@ def test_gradients_come_back(models, kept):
 @pytest.mark.usefixtures("restless")
 def test_threads_ask_one_model(models):
     """Each with elasticity of its own, half of them with a law in Python: the answers are those of one thread."""
-    varied = models["condensed pellet"]
+    varied = models("condensed pellet")
     for model in (varied, with_law(varied, Bingham(100.0, 1e5))):
         asked = [heated(gap, young) for gap, young in ((5.0, 160e3), (8.0, 180e3), (10.0, 200e3), (12.0, 220e3))]
-        jobs = [lambda item=item, model=model: [flat(model.march(item, QUIET)).tobytes() for _ in range(3)]
+        jobs = [lambda item=item, model=model: [bits_of(model.march(item, QUIET).answers) for _ in range(3)]
                 for item in asked]  # fmt: skip
         expected = [job() for job in jobs]
         assert at_once(jobs) == expected
         assert at_once(jobs[:1] * 4) == expected[:1] * 4
-
-
-def flat(history):
-    return np.concatenate([part.ravel() for answer in history.answers for part in
-                           (answer.unknown, answer.multipliers, answer.displacement(), answer.stress())])  # fmt: skip
 
 
 # ---------------------------------------------------------------- a user's own laws and amplitudes; what stays behind
@@ -321,18 +317,17 @@ def with_law(model, law):
 @needs("inelastic")
 @pytest.mark.parametrize("kind", ["flowing pellet", "condensed pellet"])
 def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp_path):
-    model, own = with_law(models[kind], Bingham(100.0, 1e5)), tmp_path / "own.npz"
+    model, own = with_law(models(kind), Bingham(100.0, 1e5)), tmp_path / "own.npz"
     hhr.save_model(own, model)
     advice = r"own\.npz.* holds a Bingham.*load_model\(path, known=\[Bingham\]\).* --known FILE\.py:Bingham$"
-    with pytest.raises(ModelFileError, match=advice):
-        hhr.load_model(own)
+    refused(own, advice)
     assert bits(hhr.load_model(own, known=[Bingham])) == bits(model)
     for law in (None, hhr.Norton("900 + P1", 4.0) if kind == "condensed pellet" else hhr.Norton(900.0, 4.0)):
-        hhr.save_model(own, with_law(models[kind], law))
+        hhr.save_model(own, with_law(models(kind), law))
         stored = hhr.load_model(own)
         groups = stored.flow.groups if kind == "condensed pellet" else stored.flow.material.groups
         assert groups[1].law == law
-    hhr.save_model(own, models[kind].changed(trained=None))
+    hhr.save_model(own, models(kind).changed(trained=None))
     assert hhr.load_model(own).trained is None
 
 
@@ -355,16 +350,14 @@ def test_an_amplitude_of_a_users_own(tmp_path):
     local = hhr.LocalModels(parts_of(training, [(0.0, 0.07), (0.03, 0.1)]), one_cut(0, 0.05, (0.01,)))
     for model in (whole, local):
         hhr.save_model(own, model)
-        with pytest.raises(ModelFileError, match=r"own\.npz cannot be read: the file holds a Square.*known=\[Square\]"):
-            hhr.load_model(own)
-        with pytest.raises(ModelFileError, match=r"two classes are called Square.* rename one"):
-            hhr.load_model(own, known=[Square, dataclasses.make_dataclass("Square", [], frozen=True)])
+        refused(own, r"own\.npz cannot be read: the file holds a Square.*known=\[Square\]")
+        refused(own, r"two classes are called Square.* rename one", known=[Square, called("Square")])
         assert bits(hhr.load_model(own, known=[Square])) == bits(by_lapack(model))
 
 
 @needs("local")
 def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
-    model, local = models["pellet"], models["local pellet"]
+    model, local = models("pellet"), models("local pellet")
     fields = replace(model.fields, indicator=lambda answer: 0.5, bound=None, response=None,
                      basis=np.ones((len(model.fields.basis), len(model.problem.stiffness))),
                      contact_basis=np.ones((len(model.fields.gaps), len(model.problem.stiffness))),
@@ -385,13 +378,13 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
 
 @needs("local", "inelastic")
 def test_what_could_not_be_read_is_not_written(models, tmp_path):
-    model, flow = models["pellet"], models["condensed pellet"]
-    problem, local = model.problem, models["local pellet"]
+    model, flow = models("pellet"), models("condensed pellet")
+    problem, local = model.problem, models("local pellet")
     bad = local.models[1].changed()
     bad.problem = replace(problem, stiffness=problem.stiffness[:, :-1])
     broken = [
         (model.changed(fields=replace(model.fields, gap_scale=np.nan * model.fields.gap_scale)), "not finite"),
-        (with_law(models["flowing pellet"], Careless()), "must be a frozen dataclass"),
+        (with_law(models("flowing pellet"), Careless()), "must be a frozen dataclass"),
         (with_law(flow, Careless()), "must be a frozen dataclass"),
         (flow.changed(flow=replace(flow.flow, modal=np.nan * flow.flow.modal)), "not finite"),
         (flow.changed(flow=replace(flow.flow, modal=flow.flow.modal[:, :-1])), "flow.modal has shape"),
@@ -411,7 +404,7 @@ def test_what_could_not_be_read_is_not_written(models, tmp_path):
 @needs("inelastic")
 def test_nothing_that_flowed_in_training(models, tmp_path):
     """Without modes for the plastic strain there is none outside the RID."""
-    model = models["flowing pellet"]
+    model = models("flowing pellet")
     fields = replace(model.fields, flow=replace(model.fields.flow, cumulated=None))
     hhr.save_model(tmp_path / "model.npz", model.changed(fields=fields, trained=None))
     stored = hhr.load_model(tmp_path / "model.npz")
@@ -433,8 +426,8 @@ def test_models_in_space_come_back(how, tmp_path):
     else:
         model = hhr.build(full, known, hhr.Recipe.flowing().as_it_is())
     hhr.save_model(tmp_path / "model.npz", model)
-    one, other = (item.march(path, QUIET) for item in (hhr.load_model(tmp_path / "model.npz"), model))
-    assert flat(one).tobytes() == flat(other).tobytes() and flat(one).any()
+    one, other = (item.march(path, QUIET).answers for item in (hhr.load_model(tmp_path / "model.npz"), model))
+    assert bits_of(one) == bits_of(other) and one[-1].plastic_strain().any()
 
 
 @needs("inelastic")
@@ -470,16 +463,13 @@ def in_header(**values):
     ("'hhr_dolfinx reduced model' version 13, this release reads 'hhr_dolfinx model' version",
      in_header(format="hhr_dolfinx reduced model", version=13)),
     ("names no 'hhr_dolfinx model'", in_header(format="something else")),
-    ("names no 'hhr_dolfinx model'", in_header(format=3)),
     ("damaged", lambda arrays: arrays.__setitem__("problem.loads", np.array([{}], dtype=object))),
-    ("is damaged .*no plain array", lambda arrays: arrays.__setitem__("problem.loads", np.ones(3, np.float32))),
     ("no header", lambda arrays: arrays.pop("header")),
 ])  # fmt: skip
 def test_other_files_are_refused(why, change, file):
     path = file()
     unsigned(path, change)
-    with pytest.raises(ModelFileError, match=f"(?s){why}"):
-        hhr.load_model(path)
+    refused(path, f"(?s){why}")
 
 
 @pytest.mark.parametrize(
@@ -488,27 +478,22 @@ def test_other_files_are_refused(why, change, file):
 def test_a_damaged_file_is_refused(damage, file):
     path = file()
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(ModelFileError, match="damaged"):
-        hhr.load_model(path)
+    refused(path, "damaged")
 
 
 def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
-    with pytest.raises(ModelFileError, match="no model file"):
-        hhr.load_model(tmp_path / "nothing.npz")
-    with pytest.raises(ModelFileError, match="is a folder, and a model is a file"):
-        hhr.load_model(tmp_path)
-    with pytest.raises(ModelFileError, match=r"two classes are called Coverage.* rename one"):
-        hhr.load_model(kept["pellet"], known=[dataclasses.make_dataclass("Coverage", [], frozen=True)])
+    refused(tmp_path / "nothing.npz", "no model file")
+    refused(tmp_path, "is a folder, and a model is a file")
+    refused(kept("pellet"), r"two classes are called Coverage.* rename one", known=[called("Coverage")])
     for known in (Bingham, "Bingham", 3, None):
-        with pytest.raises(ModelFileError, match=r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)"):
-            hhr.load_model(kept["pellet"], known=known)
+        refused(kept("pellet"), r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)", known=known)
 
 
 @needs("inelastic")
 def test_a_missing_package_is_no_damage(kept):
     """Nobody should build a model again where the loops of its flow cannot be compiled."""
     for kind in ("flowing pellet", "condensed pellet"):
-        load = f"import hhr_dolfinx as hhr\nhhr.load_model({str(kept[kind])!r})"
+        load = f"import hhr_dolfinx as hhr\nhhr.load_model({str(kept(kind))!r})"
         program = f"import sys\nsys.modules['numba'] = None\n{load}"
         last = python("-c", program, code=1).stderr.strip().splitlines()[-1]
         assert last.startswith("hhr_dolfinx.errors.MissingPackageError") and "hhr_dolfinx[flow]" in last
@@ -549,7 +534,7 @@ def damaged(arrays):
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_that_were_damaged_are_refused(kind, models):
     """Whatever is done to them: by what classes declare, by what they say of themselves, or by a first answer."""
-    tree, arrays = as_plain(models[kind].for_file())
+    tree, arrays = as_plain(models(kind).for_file())
     taken = []
     for name, what, found in damaged(arrays):
         changed = {key: value for key, value in arrays.items() if key != name}
@@ -562,41 +547,6 @@ def test_arrays_that_were_damaged_are_refused(kind, models):
     assert not [item for item in taken if item.split(": ")[1] in free]
     assert not [item for item in taken if "cut" in item and not any(part in item for part in FREE)]
     assert len(taken) < 0.12 * sum(1 for _ in damaged(arrays))
-
-
-def places_in(tree, before=""):
-    """Paths of all parts of a tree."""
-    parts = tree.get("fields", {}) if isinstance(tree, dict) else {}
-    for name, part in enumerate(tree) if isinstance(tree, list) else parts.items():
-        path = f"{before}.{name}".lstrip(".")
-        yield path
-        yield from places_in(part, path)
-
-
-JUNK = (None, "text", -1, 1e300, [], [1, 2], {}, TOY, {"kind": "Popen", "fields": {}}, {"array": "nothing"},
-        {"sparse": "csc", "shape": [1, 1]}, {"array": ["x"]})  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_junk_in_the_tree_is_refused_or_of_the_declared_type(kind, models):
-    tree, arrays = as_plain(models[kind].for_file())
-    dice, places = np.random.default_rng(1), list(places_in(tree))
-    tried = refused = 0
-    for place in dice.permutation(places)[:60]:
-        for junk in dice.permutation(np.array(JUNK, dtype=object))[:4]:
-            changed, others = json.loads(json.dumps(tree)), dict(arrays)
-            put(str(place), junk)(changed, others)
-            tried += 1
-            try:
-                restored(changed, others, KNOWN)
-            except HHRError:
-                refused += 1
-    assert refused > 0.9 * tried
-    for change in (lambda fields: fields.pop(next(iter(fields))), lambda fields: fields.update(more=1)):
-        changed = json.loads(json.dumps(tree))
-        change(changed["fields"])
-        with pytest.raises(HHRError, match="has the fields"):
-            restored(changed, arrays, KNOWN)
 
 
 def box(**values):
@@ -620,38 +570,27 @@ REFUSED = {
         ("singular", entry("problem.stiffness", slice(None), 0.0)),
         ("0 of .* modes are no|10 of 10 modes|modes are no rigid motions", put("problem.motions", 10)),
         ("first amplitude must be", entry("fields.amplitudes.constant", 0, 2.0)),
-        ("extends up to parameter 9", put(f"{LINE}.extent", 9)),
-        ("extends up to parameter -1", put(f"{LINE}.extent", -1)),
-        ("extent of Coverage is 0.5", put(f"{LINE}.extent", 0.5)),
-        ("slopes has shape", array(f"{LINE}.slopes", lambda a: a[:1])),
-        ("positions .* must .* increase", array(f"{LINE}.positions", lambda a: a[::-1].copy())),
         ("the amplitudes are 1", array(f"{LINE}.positions", lambda a: a[:-1])),
         ("must be an Amplitude", put("fields.amplitudes.nonaffine", [TOY])),
+        ("is no Functional, and an", both(put("fields.output_bound", None), put("fields.functionals.items", [TOY]))),
         ("trained range ends below", array("trained.upper", lambda a: a - 1e6)),
         ("dofs are no nodes", one_dof_less),
         ("dimension 4, which must be", put("fields.dimension", 4)),
         ("dimension of Reconstruction is 'two', and must be a int", put("fields.dimension", "two")),
-        ("dimension of Reconstruction is 2.0", put("fields.dimension", 2.0)),
         ("nothing completes them|neither training forces", put("fields.bound", None)),
         ("neither training forces nor a bound", both(put("fields.bound", None), put("fields.response", None))),
         ("at least one", both(*(array(f"known.{name}", lambda a: a[:0])
                                 for name in ("points", "active", "margins", "slopes")))),
         ("S of its estimate is not symmetric and positive", array("fields.bound.schur", lambda a: 0 * a)),
         ("S of its estimate is not symmetric", array("fields.bound.schur", np.tril)),
-
         ("are negative", array("fields.bound.least", lambda a: a - 1e9)),
         ("not one more than another", put("fields.bound.kept", None)),
         ("estimates of outputs are not those", put("fields.functionals", None)),
         ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),
-        ("areas has shape", array("fields.functionals.items.0.areas", lambda a: a[:-1])),
         ("starts from known statuses", put("known", None)),
-        ("named twice", box(names=["h1", "h1"])),
-        ("must be increasing", box(upper=[0.0, 0.0])),
-        ("need one lower and one upper", box(upper=[1.0])),
         ("P = 3", box(names=["a", "b", "c"], lower=[0.0] * 3, upper=[1.0] * 3)),
         ("names of ParameterSpace is .*must be", box(names=[1, 2])),
-        ("names of ParameterSpace is 'ab'", box(names="ab")),
         ("lower of ParameterSpace is", box(lower=[None, 1.0])),
         ("is no model", lambda tree, arrays: (arrays.clear(), tree.clear(), tree.update(TOY))),
         ("must have a kind and fields", lambda tree, arrays: tree.clear()),
@@ -660,7 +599,6 @@ REFUSED = {
     "flowing pellet": [
         ("4 components in dimension 3|no nodes", put("fields.dimension", 3)),
         ("values of the stress", array("fields.flow.stress.fit", lambda a: a[:, :-1])),
-        ("values of the stress", array("fields.flow.stress.modes", lambda a: a[:-1])),
         ("plastic strains are not one", array("fields.flow.cumulated.fit", lambda a: a[:, :-1])),
         ("indices outside", put("fields.flow.gauss_points", 3)),
         ("not those of its strain", array("flow.cells", lambda a: a[:-1])),
@@ -695,7 +633,6 @@ REFUSED = {
         ("groups must hold the points", entry(f"{GROUPS}.0.indices", 0, 1)),
         ("one behind another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
         ("groups must hold", array(f"{GROUPS}.1.indices", lambda a: a[:-1])),
-        ("groups must hold", array(f"{GROUPS}.0.indices", lambda a: a[:0])),
         ("schur is not symmetric", entry("flow.schur", (0, 0, 1), 3.0)),
         ("schur is not positive definite", entry("flow.schur", (0, 2, 2), -1.0)),
         ("a condition has no compliance", entry("flow.schur", (slice(None), 2, 2), 0.0)),
@@ -713,11 +650,8 @@ REFUSED = {
         ("poisson = 0.5 are no", put(f"{GROUPS}.0.poisson", 0.5)),
         ("poisson of Group is 'E'", put(f"{GROUPS}.0.poisson", "E")),
         ("law 'Plasticity' has no flow", put(f"{GROUPS}.0.law", "Plasticity")),
-        ("groups of CondensedFlow is 3", put(GROUPS, 3)),
         ("trained of CondensedFlowModel is True", put("trained", True)),
         ("plastic of PlasticFields is None", put("fields.flow.plastic", None)),
-        ("modal of CondensedFlow is 1.0", put("flow.modal", 1.0)),
-        ("per_cell of CondensedFlow is 4.0", put("flow.per_cell", 4.0)),
         ("dimension 4", put("fields.dimension", 4)),
         ("components of a strain in dimension 3|no nodes", put("fields.dimension", 3)),
         ("must have a flow", put(f"{GROUPS}.1.law", TOY)),
@@ -725,41 +659,20 @@ REFUSED = {
         ("names .'F'.* correct the formula", put(f"{GROUPS}.0.law.yield_stress", "F")),
         ("trained range ends below", array("trained.parameters.upper", lambda a: a - 1e6)),
         ("it was trained on", put("trained.parameters.names", ["P1"] * 5)),
-        ("onset of TrainedPaths is 'much'", put("trained.onset", "much")),
         ("the estimates of the training", put("trained.estimate", -1.0)),
         ("holds a Popen, which is unknown", put("flow.factors", {"kind": "Popen", "fields": {}})),
-
         ("no formula|parameters", box(names=["P1", "h1", "gap", "w", "E"])),
         ("indices outside 0 .. 5", put("fields.flow.strain.size", 6)),
     ],
     "local pellet": [
         ("are no tree", entry("choice.high", 0, 1)),
-        ("are no tree", array("choice.low", np.zeros_like)),
-        ("no tree", entry("choice.low", 2, 10**9)),
-        (r"cuts axes \[-1  0  7\]", entry("choice.axis", 0, 7)),
-        (r"cuts axes \[-5", entry("choice.axis", 0, -5)),
         ("not among 3 local ones", entry("choice.label", 1, 3)),
-        ("has no model", entry("choice.label", 1, -1)),
-        ("cuts axes", entry("choice.reach", 0, -1.0)),
-        ("of 1 parameters does not suit|of 1", array("choice.reach", lambda a: a[:1])),
         ("of 3 parameters does not suit", array("choice.reach", lambda a: np.append(a, 1.0))),
-        ("at least one", both(*(array(f"choice.{name}", lambda a: a[:0]) for name in
-                                ("axis", "cut", "low", "high", "label")))),
         ("local models are a list", put("models", [])),
-        ("models", put("models", "three")),
         ("another scene", put("models.1.parameters.upper", [400.0, 6.0])),
-        ("another scene", both(put("models.2.parameters.names", ["P1", "h2"]),
-                               put("models.2.trained.names", ["P1", "h2"]))),
         ("singular", entry("models.2.problem.stiffness", slice(None), 0.0)),
-        ("indices outside", entry("models.1.fields.A_lambda", 0, 10**6)),
-        ("another scene or mesh", array("models.1.fields.bound.schur", lambda a: 1.21 * a)),
     ],
 }  # fmt: skip
-
-
-def quick(kind, *given):
-    """A case, slow where its kind is."""
-    return pytest.param(kind, *given, marks=() if kind in QUICK else pytest.mark.slow)
 
 
 @needs("differences")
@@ -771,8 +684,7 @@ def test_a_signed_file_of_other_content_is_refused_where_it_is_read(kind, number
     path = file(kind)
     rewrite_model(path, change)
     said = why if "Popen" in why else f"(?s)model.npz .*({why}).*build the model again"
-    with pytest.raises(ModelFileError, match=said):
-        hhr.load_model(path, known=[Toy])
+    refused(path, said, known=[Toy])
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.values[0] in REFUSED])
@@ -782,8 +694,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     rewrite_signed(path, lambda header, arrays: None)
     assert (FORMAT, VERSION) == ("hhr_dolfinx model", 8) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
-    with pytest.raises(ModelFileError, match="its header has the keys"):
-        hhr.load_model(path)
+    refused(path, "its header has the keys")
 
 
 def test_fields_that_declare_no_size_of_the_loads_are_told_so():

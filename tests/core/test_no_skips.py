@@ -1,11 +1,10 @@
 """A skipped test is one that was not run: where nothing is optional it fails."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from bare import python
 
 TESTS = """
 import pytest
@@ -39,17 +38,14 @@ FILE = "import pytest\npytest.importorskip('no_such_package')\n"
 def test_skips_fail_where_nothing_is_optional(nothing_optional, code, workers, tmp_path):
     (tmp_path / "test_tools.py").write_text(TESTS)
     (tmp_path / "test_file.py").write_text(FILE)
-    words = [sys.executable, "-m", "pytest", "-q", "-p", "no_skips", "-p", "no:cacheprovider", "-n", workers]
-    words += ["-o", "addopts=", "--continue-on-collection-errors", "--rootdir", str(tmp_path), str(tmp_path)]
+    words = ["-m", "pytest", "-q", "-p", "no_skips", "-p", "no:cacheprovider", "-n", workers, "-o", "addopts="]
+    words += ["--continue-on-collection-errors", "--rootdir", tmp_path, tmp_path]
     # no other plugins of the tests around, which bring minutes of imports
     env = os.environ | {"HHR_CI": nothing_optional, "PYTHONPATH": str(Path(__file__).parents[1])}
-    done = subprocess.run(words, capture_output=True, text=True, env=env, cwd=tmp_path)
-    assert done.returncode == code, done.stdout
-    assert "1 passed" in done.stdout and "1 xfailed" in done.stdout
+    said = python(*words, code=code, env=env, cwd=tmp_path).stdout
+    assert "1 passed" in said and "1 xfailed" in said
     if nothing_optional:
-        assert "1 failed" in done.stdout and "3 errors" in done.stdout
-        for reason in ("no_such_tool", "no browser is there", "no compiler is there", "no_such_package"):
-            assert reason in done.stdout
-        assert "install what is missing" in done.stdout
+        reasons = "no_such_tool", "no browser is there", "no compiler is there", "no_such_package"
+        assert all(text in said for text in ("1 failed", "3 errors", *reasons, "install what is missing"))
     else:
-        assert "4 skipped" in done.stdout and " failed" not in done.stdout
+        assert "4 skipped" in said and " failed" not in said

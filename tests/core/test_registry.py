@@ -78,11 +78,11 @@ def test_a_tool_that_no_plug_in_has_is_named(registered):
     registered(Entry(Plugin("a", tools={"writing": "json:dumps"})))
     assert registry.tool("writing", "a note")([1]) == "[1]"
     scene = pressed_block("plane_strain", cells=2)
-    with pytest.raises(NotOfferedError, match="a figure of a scene needs a plug-in with the tool 'drawing', and none"):
-        scene.plot()
-    full = hhr.FullOrderModel(scene)
-    with pytest.raises(NotOfferedError, match="a figure of an answer needs a plug-in with the tool 'drawing'"):
-        full.solve({"push": 0.05}).plot()
+    for what, drawn in (("a scene", scene), ("an answer", hhr.FullOrderModel(scene).solve({"push": 0.05}))):
+        with pytest.raises(
+            NotOfferedError, match=f"a figure of {what} needs a plug-in with the tool 'drawing', and none"
+        ):
+            drawn.plot()
 
 
 def test_the_tool_of_a_plug_in_draws(registered, monkeypatch):
@@ -110,12 +110,10 @@ def test_what_a_plug_in_registers_is_there(name):
     for what in ("public", "classes", "commands"):
         for key, place in registry.places_in(getattr(plugin, what)):
             found = registry.load(place)
-            assert what == "commands" or found.__name__ == key
-            assert what != "commands" or found.name == key
+            assert (found.name if what == "commands" else found.__name__) == key
             assert what != "public" or getattr(hhr, key) is found
-    for parts in plugin.parts.values():
-        assert all(callable(registry.load(place)) for place in parts.values())
-    assert all(callable(registry.load(place)) for place in (*plugin.companions, *plugin.tools.values()))
+    parts = (place for named in plugin.parts.values() for place in named.values())
+    assert all(callable(registry.load(place)) for place in (*parts, *plugin.companions, *plugin.tools.values()))
 
 
 def test_the_stub_for_type_checkers_has_all_public_names():

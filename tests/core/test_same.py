@@ -114,17 +114,14 @@ def test_the_package_of_another_place_is_not_believed(tmp_path, monkeypatch):
         same.load_tree(tmp_path)
 
 
-def test_plug_ins_are_those_of_the_tree(tmp_path):
+def test_plug_ins_are_those_of_the_tree(tmp_path, monkeypatch):
     """The environment may have been installed from another one."""
     text = (
         '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\nwear = "somewhere:PLUGIN"\n'
     )
     (tmp_path / "pyproject.toml").write_text(text)
-    sys.meta_path.insert(0, same.TreeFinder(tmp_path))
-    try:
-        points = importlib.metadata.entry_points(group="a group")
-        assert [(point.name, point.value) for point in points] == [("wear", "somewhere:PLUGIN")]
-        assert importlib.metadata.version("hhr_dolfinx") == "7" and importlib.metadata.version("numpy")
-        assert not importlib.metadata.entry_points(group="hhr_dolfinx.plugins")
-    finally:
-        del sys.meta_path[0]
+    monkeypatch.setattr(sys, "meta_path", [same.TreeFinder(tmp_path), *sys.meta_path])
+    points = importlib.metadata.entry_points(group="a group")
+    assert [(point.name, point.value) for point in points] == [("wear", "somewhere:PLUGIN")]
+    assert importlib.metadata.version("hhr_dolfinx") == "7" and importlib.metadata.version("numpy")
+    assert not importlib.metadata.entry_points(group="hhr_dolfinx.plugins")

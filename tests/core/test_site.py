@@ -25,18 +25,14 @@ def anchors(page):
 
 @needs(*OURS)
 def test_the_reference_has_every_public_name_once():
-    listed = re.findall(
-        r"^\.\. auto(?:class|function):: hhr_dolfinx\.(\w+)$",
-        "\n".join(page.read_text() for page in DOCS.glob("reference/*.md")),
-        re.MULTILINE,
-    )
+    text = "\n".join(page.read_text() for page in DOCS.glob("reference/*.md"))
+    listed = re.findall(r"^\.\. auto(?:class|function):: hhr_dolfinx\.(\w+)$", text, re.MULTILINE)
     assert sorted(listed) == sorted(set(hhr.__all__) - {"__version__"})
 
 
 def test_every_error_and_warning_has_a_line_that_says_what_to_do():
-    text = (DOCS / "messages.md").read_text()
     classes = [name for name, item in vars(errors).items() if isinstance(item, type)]
-    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    rows = [line for line in (DOCS / "messages.md").read_text().splitlines() if line.startswith("| `")]
     missing = [name for name in classes if name != "HHRError" and not any(f"`{name}`" in row for row in rows)]
     assert len(classes) > 30 and not missing
 
@@ -88,12 +84,9 @@ def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
     """Numbers of equations and algorithms in words of the code; a call such as ``Enrich(2.0)`` is none."""
     listed = "\n".join(row[0] + row[2] for row in rows_of_fidelity())
     quoted = set()
-    for folder in ("hhr_dolfinx", "forms"):
-        for file in (ROOT / folder).rglob("*.py"):
-            text = file.read_text()
-            quoted |= set(re.findall(r"(?<![\w`])\(([1-6]\.[1-9]\d*)\)", text)) | set(
-                re.findall(r"Alg\. [1-6]\.\d", text)
-            )
+    for file in (file for folder in ("hhr_dolfinx", "forms") for file in (ROOT / folder).rglob("*.py")):
+        for pattern in (r"(?<![\w`])\(([1-6]\.[1-9]\d*)\)", r"Alg\. [1-6]\.\d"):
+            quoted |= set(re.findall(pattern, file.read_text()))
     missing = sorted(item for item in quoted if not re.search(rf"(?<![\d.]){re.escape(item)}(?!\d)", listed))
     assert len(quoted) > 60 and not missing
 
