@@ -97,6 +97,7 @@ REFUSED = [
     (lambda: changed(contacts=(hhr.DoublePass(11, 11),)), "contact 0 pairs surface 11 with itself"),
     (lambda: changed(openings=(hhr.Opening(1, 1.0),)), "an opening names contact 1, of 1 counted from 0"),
     (lambda: changed(loads=(hhr.PartialPressure(1, 1.0, "h"),)), r"up to 'h': .* one of the parameters \('mu',\)"),
+    *((lambda order=order: changed(order=order), "must be 1 or 2") for order in (3, 2.0, True, 0, "2")),
     # materials
     *((lambda young=young: body(young=young), "positive") for young in (0.0, -1.0, np.nan)),
     *((lambda poisson=poisson: body(poisson=poisson), "positive") for poisson in (0.5, np.nan)),

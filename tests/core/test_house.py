@@ -186,7 +186,7 @@ UNNEEDED = {
         *own("full_order", "gauss_points"),
     ],
     "meshes that do not match": [
-        *own("pairings", "node_to_surface projection"),
+        *own("plugins.nonmatching", "node_to_surface projection"),
         *own("plugins.mortar", "pairing segments"),
         "shapely",
     ],
