@@ -103,6 +103,7 @@ EXTRA = {
 }  # fmt: skip
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", EXTRA)
 def test_what_no_scene_names_does_not_refuse_a_deck(what, tmp_path):
     text, wanted = EXTRA[what]
@@ -121,6 +122,7 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
     assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
 
 
+@needs("nonmatching")
 def test_sets_that_overlap_are_surfaces_and_bodies(tmp_path):
     """A set of all elements, and one of nodes around everything, beside those that are used."""
     around = "*NSET, NSET=AROUND\n" + "".join(f"{k},\n" for k in range(1, 17))
@@ -138,6 +140,7 @@ def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
         hhr.MeshFile(path).read()
 
 
+@needs("nonmatching")
 def test_an_element_ends_when_it_has_its_nodes(tmp_path):
     """And goes on where it has not; a deck is read by its content, whatever its ending."""
     path = written(tmp_path / "commas.inp", re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
@@ -228,12 +231,14 @@ MARKERS = {
 }  # fmt: skip
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", MARKERS)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     name, text, names = MARKERS[what]
     assert pressure(written(tmp_path / name, text), names) == pytest.approx(10.0, rel=1e-9)
 
 
+@needs("nonmatching")
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
     path = written(tmp_path / "c.vtu", MARKERS["one of two arrays"][1])
     with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
@@ -333,6 +338,7 @@ XDMF = {
 }
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", XDMF)
 def test_xdmf_of_others(what, tmp_path):
     """PETSc is loaded by then, whose HDF5 is another one than netCDF4's."""
@@ -354,6 +360,7 @@ def exodus(path, form):
     return write_exodus(path, POINTS, blocks, {14: [(3, 6)]}, form=form)
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
 def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
     path = exodus(tmp_path / "c.e", kind)
@@ -473,6 +480,7 @@ def test_a_summary_of_a_file(beam):
     assert text.endswith("    TABLE  1 element of type S4 in it, neither cells nor sides of cells")
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize(
     ("tag", "why"),
     [("EDGE", "'EDGE' is in the file: a set of 2 nodes that holds no whole facet"),
@@ -484,13 +492,14 @@ def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, beam):
     assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
 
 
+@needs("nonmatching")
 def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
     with pytest.raises(SceneError, match=r"facet tags \[15\] are not in the mesh") as found:
         pressure(written(tmp_path / "c.bdf", nastran()), (1, 2, 11, 12, 13, 15))
     assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
 
 
-@needs("checks")
+@needs("checks", "nonmatching")
 def test_check_of_a_scene_names_what_is_left_out(beam):
     from hhr_dolfinx.plugins.checks.check import check_scene
 
@@ -513,7 +522,7 @@ def test_check_of_a_file_lists_what_it_holds(beam, tmp_path, monkeypatch):
     assert invoke("check", "beam.inp", "--at", "load=3")[0] == 2
 
 
-@needs("checks")
+@needs("checks", "nonmatching")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
     from dataclasses import replace

@@ -258,7 +258,10 @@ def modules_of_a_study(program, folder):
 
 @pytest.mark.parametrize(
     ("program", "unneeded"),
-    [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic")))],
+    [
+        (ELASTIC, UNNEEDED),
+        pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic", "nonmatching"))),
+    ],
     ids=["elastic", "inelastic"],
 )
 @needs("studies")

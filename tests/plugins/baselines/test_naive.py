@@ -54,7 +54,7 @@ def test_a_pair_listed_twice_is_named():
         NaiveFullOrder(full).solve(0.05)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_inelastic_bodies_are_refused():
     with pytest.raises(SceneError, match="flow"):
         NaiveFullOrder(flowing.flowing_full())

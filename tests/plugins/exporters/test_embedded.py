@@ -17,7 +17,7 @@ import pytest
 import test_moduli
 from needs import needs
 from shell import invoke
-from test_pages import MORE, RUBBING, SCENES, check_increment, marked, outputs_of_pellet, rubbed, tour_of
+from test_pages import MORE, RUBBING, RUBS, SCENES, check_increment, marked, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -152,6 +152,7 @@ OPENED = CALLED.replace(
 )
 
 
+@needs("nonmatching")
 @compiled
 def test_springs_hold_bodies_where_nothing_touches_at_first(tmp_path):
     model = hhr.condense(MORE["held by contact"](), fields=True)
@@ -316,7 +317,7 @@ def unit_of(tmp_path_factory):
 
 
 @compiled
-@pytest.mark.parametrize("name", UNITS)
+@pytest.mark.parametrize("name", marked(*UNITS))
 def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     """Called as an importer does, by its functions alone; by fmpy below."""
     model, _, path = unit_of(name)
@@ -331,12 +332,12 @@ def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     unit.made.fmi3FreeInstance(unit.at)
 
 
-RUBS = [pytest.param(name, marks=needs("friction")) for name in ("formula and limit", "in space")]
+FEW = [pytest.param(name, marks=needs("friction")) for name in ("formula and limit", "in space")]
 ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 
 
 @compiled
-@pytest.mark.parametrize("name", [*UNITS, *RUBS, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
+@pytest.mark.parametrize("name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
 def test_a_unit_runs_in_fmpy(name, unit_of):
     """Steps are increments, moduli and laws parameters; a step ends with what its inputs were as it began."""
     fmpy = pytest.importorskip("fmpy")
@@ -464,7 +465,7 @@ def increments(folder, model):
 
 @needs("friction")
 @compiled
-@pytest.mark.parametrize("name", RUBBING)
+@pytest.mark.parametrize("name", RUBS)
 def test_increments_in_c_are_those_of_python(name, tmp_path):
     model, tour = rubbing_model(name)
     made, room = increments(tmp_path, model)

@@ -61,6 +61,7 @@ def kkt(full, mu, rounding=1e-10):
     return answer
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffer", [1e-6, 1.0, 1e6])
 def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
@@ -73,6 +74,7 @@ def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
         assert forces[~upper].sum() == pytest.approx((0.5 * p + q) * size, rel=1e-9)
 
 
+@needs("nonmatching")
 def test_motions_are_of_one_body_each():
     problem = hhr.FullOrderModel(stack(), MPI.COMM_SELF).problem
     upper = problem.points[:, 1] > 1 + 1e-9
@@ -82,6 +84,7 @@ def test_motions_are_of_one_body_each():
     assert (np.minimum(*sizes) < 1e-12).all()
 
 
+@needs("nonmatching")
 def test_what_pulls_apart_is_adrift_and_named():
     full = hhr.FullOrderModel(stack(lowest=-1.0), MPI.COMM_SELF)
     kkt(full, (1.0, -0.4))
@@ -106,6 +109,7 @@ def test_a_cube_tips_over_when_the_force_leaves_its_base():
             full.solve(s)
 
 
+@needs("nonmatching")
 def test_loads_that_only_shear_are_refused_however_small_their_slope():
     top = side(2, 1, True)
     shear, box = hhr.Traction(top, (1e-12, 0), slope("q")), space(p=(0.0, 1.0), q=(0.0, 1e12))
@@ -138,6 +142,7 @@ def test_bodies_between_and_in_corners(name):
         kkt(full, mu)
 
 
+@needs("nonmatching")
 def test_without_loads_nothing_touches():
     """A free body that is heated grows by its expansion, in plane strain."""
     stacked = hhr.FullOrderModel(stack(), MPI.COMM_SELF).solve((0.0, 0.0))
@@ -147,7 +152,7 @@ def test_without_loads_nothing_touches():
     assert np.ptp(heated.displacement().reshape(-1, 2)[:, 0]) == pytest.approx(1e-3 * 1.3, rel=1e-9)
 
 
-@needs("local", "fallback")
+@needs("fallback", "local", "nonmatching")
 @pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
     contacts = {"contacts": (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))} if how == "mortar" else {}
@@ -171,6 +176,7 @@ def test_small_models_of_a_stack(how, tmp_path):
             assert off < 1e-9 * np.linalg.norm(exact.displacement())
 
 
+@needs("nonmatching")
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
     """Nodes of a ring beside those of its shaft: turned far, the facets would open every gap."""
@@ -269,6 +275,7 @@ def test_the_worst_of_many_points_is_warned_of(training):
         hhr.build(training.full_order, training.snapshots, recipe, training.held_out)
 
 
+@needs("nonmatching")
 def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
     made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)))

@@ -118,7 +118,7 @@ def test_no_error_exceeds_its_bound(varying):
     assert check(full, poor, full.parameters.random(30, 3), 1.2) == {kind}
 
 
-@needs("shapes")
+@needs("nonmatching", "shapes")
 def test_shapes_have_estimates(shaped):
     """Nothing is proved of an interpolation between shapes, and so it is not called a bound."""
     training, model = shaped
@@ -128,7 +128,7 @@ def test_shapes_have_estimates(shaped):
     assert (moved / field).max() < 1e-4 and (pushed / forces).max() < 1e-4
 
 
-@needs("shapes")
+@needs("nonmatching", "shapes")
 def test_pressures_of_shapes_are_over_their_own_areas(shaped):
     """Areas are interpolated too: those of the middle are off by a sixth."""
     training, model = shaped
@@ -226,6 +226,7 @@ def test_modes_that_take_too_much_leave_a_factor_of_the_point(monkeypatch):
     assert exact.dual == usual.dual and exact.pressure <= usual.pressure * (1 + 1e-12)
 
 
+@needs("nonmatching")
 def test_conditions_that_depend_on_each_other_on_a_body():
     """Twelve nodes in front of two cells: S of the coarse body is singular, and S of both is not."""
     meshes = {"first": ((1.0, 0.0), (2.0, 1.0), (12, 4)), "second": ((1.0, 1.0), (2.0, 2.0), (2, 3))}
@@ -308,6 +309,7 @@ def test_outputs_of_forces_have_derivatives(varying):
     assert np.abs(off * sizes).max() < 1e-5 * abs(found["force"])
 
 
+@needs("nonmatching")
 def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
     """Young's modulus of the roller alone varies: nothing is interpolated, though S of the spring is soft (1e-7)."""
     scene = your_scene.scene()

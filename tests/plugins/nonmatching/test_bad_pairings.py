@@ -17,20 +17,18 @@ from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 
 
-def built(pairing=hhr.NodeToSurface, **changes):
-    """The model of two blocks that lie on each other, with other parts."""
-    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), **changes))
+def with_contact(pairing, *given):
+    """The model of two blocks that lie on each other, with another pair."""
+    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), contacts=(pairing(*given),)))
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("by_normal", [True, False])
 def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
     """Both bodies' undersides, and blocks that stand beside each other."""
-    scene = patch.scene(pairing, by_normal=by_normal)
     tags = (two_blocks.side(2, 1, False), two_blocks.side(1, 1, False))
-    backs = pairing(*tags, (0.0, -1.0) if by_normal else None)
     with pytest.raises(SceneError, match=r"face each other.*\[0\.5"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(backs,)))
+        with_contact(pairing, *tags, (0.0, -1.0) if by_normal else None)
     with pytest.raises(SceneError, match=r"never face each other.*\[[0-9.]+, 1\.0\]"):
         hhr.FullOrderModel(patch.scene(pairing, by_normal=by_normal, shift=2.5))
 
@@ -65,9 +63,7 @@ def test_normals_tags_and_multipliers_that_are_none(pairing):
     tags = patch.scene(pairing).contacts[0].tags
     for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)):
         with pytest.raises(SceneError, match="must be a non-zero vector of length 2"):
-            built(contacts=(pairing(*tags, normal),))
-    with pytest.raises(SceneError, match=r"facet tags \[99\] are not in the mesh"):
-        built(contacts=(pairing(99, 121),))
+            with_contact(pairing, *tags, normal)
     with pytest.raises(SceneError, match="multipliers 'triple' are unknown, one of dual, standard"):
         hhr.Mortar(1, 2, multipliers="triple")
 
@@ -116,10 +112,8 @@ def test_back_sides_never_meet(pairing, cells, gap):
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_back_sides_alone_are_refused(pairing):
     """The outer sides of two blocks that touch, which lie two heights behind each other; cells are 1/3 and 1/4 high."""
-    scene = patch.scene(pairing, by_normal=False)
-    tags = [patch.geometry.outer_end(body, 2) for body in (2, 1)]
     with pytest.raises(SceneError, match=r"never face each other: one lies behind the other by up to 2, .*Opening"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pairing(*tags),)))
+        with_contact(pairing, *(patch.geometry.outer_end(body, 2) for body in (2, 1)))
 
 
 @needs("mortar")

@@ -37,18 +37,6 @@ def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
     assert stress < 1e-10
 
 
-@needs("mortar")
-@pytest.mark.parametrize("slave", [two_blocks.FIRST, two_blocks.SECOND])
-def test_mortar_patch_test_in_any_direction(slave):
-    """The normal found by the pairing itself and the one it is given."""
-    for dim in (2, 3):
-        for by_normal in (True, False):
-            built = patch.scene(
-                mortar, (3,) * dim, (4,) * dim, angle=0.1 * np.sqrt(2), by_normal=by_normal, slave=slave
-            )
-            assert patch.solve(built)[1] == pytest.approx(1.0, abs=1e-10)
-
-
 def test_node_to_surface_has_its_known_defect_in_one_pass():
     """It fails the patch test by some per cent, more so with the coarse surface as slave; two passes are right."""
     fine, coarse = (patch.solve(patch.scene(hhr.NodeToSurface, *cells))[2] for cells in (FINER, FINER[::-1]))

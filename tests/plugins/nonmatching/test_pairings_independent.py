@@ -255,10 +255,8 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
         angle, shift = (0.0, 0.7) if axisymmetric else (rng.uniform(0, 6), 0.0)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         xs = np.sort(np.append(rng.uniform(0.05, 0.95, rng.integers(1, 5)), [0, 1])) + shift
-        xm = (
-            np.sort(np.append(rng.uniform(0.3, 0.7, rng.integers(1, 20)), rng.uniform([-0.3, 0.75], [0.25, 1.3])))
-            + shift
-        )
+        inner = rng.uniform(0.3, 0.7, rng.integers(1, 20))
+        xm = np.sort(np.append(inner, rng.uniform([-0.3, 0.75], [0.25, 1.3]))) + shift
         ys, ym = 0.1 * np.sin(3 * xs), 0.3 + 0.05 * np.cos(5 * xm)
         weight = (lambda p: 2 * np.pi * p[:, 0]) if axisymmetric else None
         slave, master, points = lines(

@@ -162,7 +162,7 @@ def marked(*names):
     marks = {name: [needs("moduli")] for name in OF_MODULI}
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
-    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")]}
+    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")], "held by contact": [needs("nonmatching")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
@@ -222,6 +222,7 @@ def test_a_page_bounds_the_error_of_its_answer(name):
         assert error["pressure"]["relative"] == pytest.approx(exact.pressure_relative[k], rel=1e-6)
 
 
+@needs("nonmatching")
 @in_node
 def test_a_page_holds_bodies_by_springs_where_nothing_touches_at_first():
     """No set of statuses without contact holds a body that contact alone holds: forces are those of Python."""
@@ -250,6 +251,7 @@ def loose():
     )
 
 
+@needs("nonmatching")
 @in_node
 def test_derivatives_of_what_contact_does_not_hold():
     """What no contact holds moves as little as it may."""
@@ -594,6 +596,7 @@ RUBBING = {
         geometry=round_block,
     ),
 }
+RUBS = [pytest.param(name, marks=needs("nonmatching") if name == "slave nodes" else ()) for name in RUBBING]
 PUSHED = 0.0, 0.03, 0.03, 0.04, 0.02, 0.002, 0.05, 0.05, 0.01
 SHEARED = 0.0, 0.0, 0.02, 0.06, 0.0, -0.06, -0.02, 0.1, 0.1
 TOUR = list(zip(PUSHED, SHEARED, strict=True))
@@ -625,7 +628,7 @@ def check_increment(found, answer, largest):
 
 @needs("friction")
 @in_node
-@pytest.mark.parametrize("name", RUBBING)
+@pytest.mark.parametrize("name", RUBS)
 def test_increments_with_friction_are_those_of_python(name):
     _, model, scenery = made(rubbed(name))
     tour, points = tour_of(model), model.parameters.random(6, 3)

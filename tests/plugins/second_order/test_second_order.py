@@ -9,14 +9,13 @@ import contract
 import hertz_half_discs
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from mpi4py import MPI
 from needs import DOUBLE_PASS, MORTAR, NODE_TO_SURFACE, needs
 from scenes import slope, stacked
 from second_order import bowl, rings
+from shell import invoke
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.errors import LockingWarning, PairingWarning, ParameterError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.warn import collected, ignored
@@ -81,10 +80,9 @@ def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
         "import sys\nfrom dataclasses import replace\nimport hertz_half_discs as demo\n"
         "def scene():\n    return replace(demo.scene(), order=2)\n"
     )
-    run = CliRunner().invoke(command, ["check", str(tmp_path / "scene.py"), "--mesh-error", "--picture",
-                                       str(tmp_path / "scene.png")])  # fmt: skip
-    assert run.exit_code == 0 and "cells of second order" in run.output, run.output
-    assert "% of the peak pressure" in " ".join(run.output.split())
+    code, said = invoke("check", tmp_path / "scene.py", "--mesh-error", "--picture", tmp_path / "scene.png")
+    assert code == 0 and "cells of second order" in said, said
+    assert "% of the peak pressure" in " ".join(said.split())
     assert (tmp_path / "scene.png").exists()
 
 

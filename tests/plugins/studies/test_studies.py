@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[3]
 
 def flowing():
     """Two blocks, the upper of which yields, pushed together and aside."""
-    base = patch.scene(hhr.NodeToSurface, (3, 2), (4, 3), poisson=0.3)
+    base = patch.scene(patch.node_to_surface, (3, 2), (4, 3), poisson=0.3)
     bodies = tuple(replace(body, law=hhr.Plasticity(0.05, 0.5)) if body.tag == 2 else body for body in base.bodies)
     return replace(base, bodies=bodies)
 
@@ -207,7 +207,7 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
             r"answers of scene 'stacked_blocks' depend on the path .* train on a list of paths",
         ),
         (
-            partial(patch.scene, hhr.NodeToSurface),
+            partial(patch.scene, patch.node_to_surface),
             {},
             r"bodies of scene 'stacked_blocks' are elastic: tests must be",
         ),
