@@ -39,6 +39,14 @@ def double_pass(*surfaces, **options):
     return hhr.DoublePass(*surfaces, **options)
 
 
+def cases_of(meshes):
+    """Cases by names of arguments of ``pressed_pair``; those of meshes that do not match need a plug-in."""
+    return [
+        pytest.param(name, marks=() if mesh.get("matching", True) else needs("nonmatching"))
+        for name, mesh in sorted(meshes.items())
+    ]
+
+
 MORTAR = pytest.param(mortar, id="Mortar", marks=needs("mortar"))
 NODE_TO_SURFACE = pytest.param(node_to_surface, id="NodeToSurface", marks=needs("nonmatching"))
 DOUBLE_PASS = pytest.param(double_pass, id="DoublePass", marks=needs("nonmatching"))

@@ -43,7 +43,7 @@ def shape():
     return condensed(((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False)
 
 
-@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("shapes"))])
+@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("nonmatching", "shapes"))])
 def test_fields_are_those_of_an_elimination(name, request):
     """1e-9: round-off over the condition of K~, near 1e6 where nu is near one half."""
     model = request.getfixturevalue(name)
@@ -70,7 +70,7 @@ def test_a_block_of_other_parts_is_factored(materials, monkeypatch):
                               + materials.fields.lifts @ materials.fields.amplitudes(point), before) < 1e-9  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("shapes"))])
+@pytest.mark.parametrize("name", ["materials", pytest.param("shape", marks=needs("nonmatching", "shapes"))])
 def test_outputs_of_forces_make_no_field(name, request, monkeypatch):
     """They took 25 times as long as the forces that they are made of."""
     model = request.getfixturevalue(name)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from needs import cases_of
 from scenes import largest_difference, pressed_pair, slope_errors, whole_domain
 
 import hhr_dolfinx as hhr
@@ -18,7 +19,7 @@ MESHES = {"plane_strain": {"cells": 5}, "axisymmetric": {"cells": 4, "matching":
 BY_BODY = hhr.Recipe(basis=hhr.Pod(1e-11, relative=True, by_body=True))
 
 
-@pytest.fixture(scope="module", params=sorted(MESHES))
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def training(request):
     """A matching pair, and one whose gaps are interpolated."""
     scene = pressed_pair(request.param, BODIES, MATERIALS, **MESHES[request.param])

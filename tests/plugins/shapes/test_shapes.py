@@ -9,7 +9,7 @@ import scenes
 from bare import SCENE_FOLDERS
 from launched import launch
 from mpi4py import MPI
-from needs import needs
+from needs import cases_of, needs
 from scenes import (
     PAIR_BOX,
     check_alike,
@@ -50,7 +50,7 @@ def check_like(answer, other, tolerance=BY_RULE):
         assert largest_difference(getattr(answer, name)(), getattr(other, name)()) < tolerance, name
 
 
-@pytest.fixture(scope="module", params=["plane_strain", pytest.param("plane_stress", marks=needs("nonmatching"))])
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def pair(request):
     """Two blocks, the lower one with a crown and a height, and matching nodes or not."""
     scene = pressed_pair(request.param, BODIES, SPACE, shapes=(CROWNED,), **MESHES[request.param])
