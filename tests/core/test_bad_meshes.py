@@ -253,7 +253,7 @@ def test_a_body_that_flows_and_can_move_freely_is_named_with_its_motion(scene, m
     refused(dataclasses.replace(scene, bodies=bodies), message, NotSolvableError)
 
 
-@needs("floating", "inelastic")
+@needs("floating", "inelastic", "mortar")
 @pytest.mark.parametrize("loose", [1, 2])
 def test_the_free_one_of_two_bodies_is_named(loose):
     """Its end is held along axis 0 only."""
