@@ -23,12 +23,13 @@ YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
 
 
-def mortar(*tags: Any, **options: Any) -> Any:
-    """A mortar pair, of a plug-in, which is asked for when a scene is made."""
-    return hhr.Mortar(*tags, **options)
+def pair(name: str, *tags: Any, **options: Any) -> Any:
+    """A pair of a plug-in, which is asked for when a scene is made."""
+    return getattr(hhr, name)(*tags, **options)
 
 
-PAIRINGS = {"node_to_surface": hhr.NodeToSurface, "double_pass": hhr.DoublePass, "mortar, dual": mortar}
+mortar, node_to_surface, double_pass = (partial(pair, name) for name in ("Mortar", "NodeToSurface", "DoublePass"))
+PAIRINGS = {"node_to_surface": node_to_surface, "double_pass": double_pass, "mortar, dual": mortar}
 PAIRINGS["mortar, standard"] = partial(mortar, multipliers="standard")
 
 

@@ -30,7 +30,6 @@ PUBLIC = {
     "online.model_file": "load_model save_model",
     "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm LostContact",
     "pairings.node_to_node": "NodeToNode",
-    "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",
     "parameters": "ParameterSpace",
     "reduction.build": "build",

@@ -25,8 +25,6 @@ from .outputs import LargestPressure as LargestPressure
 from .outputs import LinearForm as LinearForm
 from .outputs import LostContact as LostContact
 from .pairings.node_to_node import NodeToNode as NodeToNode
-from .pairings.node_to_surface import DoublePass as DoublePass
-from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
@@ -56,6 +54,8 @@ from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
 from .plugins.mortar.pairing import Mortar as Mortar
+from .plugins.nonmatching.double_pass import DoublePass as DoublePass
+from .plugins.nonmatching.node_to_surface import NodeToSurface as NodeToSurface
 from .plugins.one_call.record import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
 from .plugins.one_call.target import Budget as Budget

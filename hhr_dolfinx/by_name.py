@@ -37,7 +37,6 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
     "pairings": {
         "pairings.obstacle": "Obstacle",
         "pairings.node_to_node": "NodeToNode",
-        "pairings.node_to_surface": "NodeToSurface DoublePass",
     },
     "laws": {},
     "forms": {

@@ -177,13 +177,12 @@ def elastic_scene(name: str) -> hhr.Scene:
         "axisymmetric": partial(blocks, hypothesis="axisymmetric"),
         "plane stress": partial(blocks, hypothesis="plane_stress"),
         "second order": partial(blocks, order=2),
-        "non-matching": partial(blocks, pairing=hhr.NodeToSurface, other_cells=4),
-        "double pass": partial(blocks, pairing=hhr.DoublePass, other_cells=4),
+        "non-matching": lambda: blocks(pairing=hhr.NodeToSurface, other_cells=4),
+        "double pass": lambda: blocks(pairing=hhr.DoublePass, other_cells=4),
         "mortar": lambda: blocks(pairing=hhr.Mortar, other_cells=4),
         "solid": partial(blocks, hypothesis="solid", cells=2, other_cells=2),
-        "tetrahedra, moduli": partial(
-            blocks, ("E1", 0.3), hypothesis="solid", cells=2, other_cells=3, simplices=True, box=MODULI,
-            pairing=hhr.Mortar,
+        "tetrahedra, moduli": lambda: blocks(
+            ("E1", 0.3), hypothesis="solid", cells=2, other_cells=3, simplices=True, box=MODULI, pairing=hhr.Mortar
         ),
     }  # fmt: skip
     if name == "half-discs":

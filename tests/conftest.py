@@ -21,7 +21,8 @@ settings.load_profile("patient")
 
 
 NEEDING = {
-    "core/test_benchmarks.py": ("mortar",),
+    "core/test_benchmarks.py": ("mortar", "second_order"),
+    "core/test_command.py": ("nonmatching",),
     "core/test_demo.py": ("checks", "exporters", "mortar", "pages", "studies", "volume_loads"),
     "core/test_fuel_rod.py": ("volume_loads",),
     "plugins/local/test_subspaces.py": ("theorems",),
@@ -30,18 +31,27 @@ NEEDING = {
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
     "plugins/greedy/test_restriction.py": ("mortar",),
+    "plugins/exporters/test_deck.py": ("nonmatching",),
+    "plugins/inelastic/test_door.py": ("nonmatching",),
+    "plugins/inelastic/test_history_files.py": ("nonmatching",),
+    "plugins/inelastic/test_history_indicator.py": ("nonmatching",),
     "plugins/inelastic/test_condensed_flow.py": ("volume_loads",),
     "plugins/inelastic/test_condensed_stress.py": ("volume_loads",),
     "plugins/inelastic/test_indentation.py": ("mortar",),
     "plugins/inelastic/test_law_parameters.py": ("volume_loads",),
-    "plugins/inelastic/test_varied.py": ("volume_loads",),
+    "plugins/inelastic/test_varied.py": ("nonmatching", "volume_loads"),
+    "plugins/one_call/test_command_reduce.py": ("nonmatching",),
     "plugins/one_call/test_search_limits.py": ("moduli",),
     "plugins/pages/test_flow_pages.py": ("inelastic", "moduli", "volume_loads"),
+    "plugins/checks/test_fields.py": ("nonmatching",),
+    "plugins/checks/test_thirty_mistakes.py": ("nonmatching",),
     "plugins/conformance/test_conformance.py": ("stress", "volume_loads"),
     "plugins/floating/test_attack_floating.py": ("differences",),
     "plugins/inelastic/test_condensed_step.py": ("volume_loads",),
     "plugins/inelastic/test_flow_moduli.py": ("volume_loads",),
-    "plugins/shapes/test_shape_outputs.py": ("mortar", "volume_loads"),
+    "plugins/ranks/test_rows.py": ("nonmatching",),
+    "plugins/shapes/test_shape_outputs.py": ("mortar", "second_order", "volume_loads"),
+    "plugins/studies/test_studies.py": ("nonmatching",),
 }
 """Files all of whose scenes need plug-ins, or are of scripts that import them."""
 collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]

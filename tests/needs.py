@@ -29,5 +29,25 @@ def mortar(*surfaces, **options):
     return hhr.Mortar(*surfaces, **options)
 
 
+def node_to_surface(*surfaces, **options):
+    """A pair of nodes and facets, likewise."""
+    return hhr.NodeToSurface(*surfaces, **options)
+
+
+def double_pass(*surfaces, **options):
+    """Such a pair both ways."""
+    return hhr.DoublePass(*surfaces, **options)
+
+
+def cases_of(meshes):
+    """Cases by names of arguments of ``pressed_pair``; those of meshes that do not match need a plug-in."""
+    return [
+        pytest.param(name, marks=() if mesh.get("matching", True) else needs("nonmatching"))
+        for name, mesh in sorted(meshes.items())
+    ]
+
+
 MORTAR = pytest.param(mortar, id="Mortar", marks=needs("mortar"))
-"""It as a case of a test."""
+NODE_TO_SURFACE = pytest.param(node_to_surface, id="NodeToSurface", marks=needs("nonmatching"))
+DOUBLE_PASS = pytest.param(double_pass, id="DoublePass", marks=needs("nonmatching"))
+"""They as cases of a test."""

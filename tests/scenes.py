@@ -7,7 +7,7 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
-from hhr_dolfinx.reduction.projection import reduced_domain
+from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""
@@ -21,6 +21,28 @@ def node_dofs(problem, nodes):
 def whole_domain(problem):
     """The RID that is the whole domain: plain Galerkin projection with all contact conditions."""
     return reduced_domain(problem, np.arange(len(problem.points)))
+
+
+def check_closed(problem, asked, sets):
+    """By the definitions of (5.5), (5.6), (5.20) and section 5.2.3, by brute force."""
+    contact, dim = problem.contact.toarray(), problem.block_size
+    in_A = np.zeros(problem.free.size, dtype=bool)
+    in_A[sets.A] = True
+    outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
+    assert not np.isin(sets.A // dim, problem.cell_nodes[outside]).any()
+    touching = {j for j, row in enumerate(contact) if in_A[np.flatnonzero(row)].any()}
+    assert touching <= set(sets.A_lambda), "a force outside the RID acts on it"
+    assert open_conditions(problem, sets).size == 0
+    columns = np.flatnonzero(contact[sets.A_lambda].any(axis=0))
+    assert sets.A_c_tilde.tolist() == columns.tolist()
+    assert sets.A_c.tolist() == columns[in_A[columns]].tolist()
+    # every node asked for keeps its free dofs, and a condition belongs to the RID if those of its slave do
+    dofs = node_dofs(problem, asked)
+    assert in_A[dofs[problem.free[dofs]]].all()
+    for row, slave in enumerate(problem.contact_slaves):
+        own = node_dofs(problem, [slave])
+        own = own[problem.free[own]]
+        assert own.size == 0 or in_A[own].all() == (row in sets.A_lambda)
 
 
 def slope(name, size=1.0):
@@ -130,7 +152,7 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [hhr.Displacement(top, k) for k in range(1, up)]
     moved = hhr.Displacement(top, 0, slope("slide")), hhr.Displacement(top, up, slope("push", -1.0))
     given = {
-        "contacts": (hhr.NodeToNode(*surfaces, normal) if matching else hhr.NodeToSurface(*surfaces, normal),),
+        "contacts": others.get("contacts") or ((hhr.NodeToNode if matching else hhr.NodeToSurface)(*surfaces, normal),),
         "loads": (hhr.Pressure(flank, slope("load")),),
         "openings": (hhr.Opening(0, slope("gap")),),
     }

@@ -33,7 +33,6 @@ from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lif
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.pairings.surface import warn_of_straight_sides
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
@@ -277,7 +276,8 @@ class Discretisation(DiscreteSpace):
         parts = []
         for item in self.scene.contacts:
             surfaces = [self.surface(tag) for tag in item.tags]
-            warn_of_straight_sides(surfaces)
+            if (quadratic := surfaces[0].quadratic) is not None:
+                quadratic.warn_of_straight_sides(surfaces)
             part = item.rows(surfaces, self.size)
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")

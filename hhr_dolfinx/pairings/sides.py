@@ -34,15 +34,3 @@ def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.n
     if not looks.any():
         return np.arange(len(surface.nodes)), surface.areas
     return np.flatnonzero(looks), areas
-
-
-def sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among (l,), sorted, (s,)."""
-    place = np.full(len(surface.nodes), -1)
-    place[nodes] = np.arange(nodes.size)
-    of_corner = place[surface.facets].ravel()
-    own = of_corner >= 0
-    normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
-    # all facets of one side have the same corner normal
-    _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
-    return normals[first], of_corner[own][first]

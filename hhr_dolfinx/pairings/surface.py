@@ -6,43 +6,50 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, identity
+from scipy.sparse import csc_matrix, csr_matrix
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.warn import warn as report
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.pairings.second_order import QuadraticFacets
-
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
-FLAT = 0.95
-"""Length of the mean of unit normals above which a surface is flat: an arc of 60 degrees has 0.955."""
-TILT = 30.0
-"""Degrees between a given normal and that of a flat surface above which a warning is due."""
-FACING = 0.1
-"""Cosine between two directions found from the meshes below which surfaces do not face each other."""
 GRAZING = 1e-3
 """Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
-LEAST_SAG = 1e-9
-LEAST_SAG_OF_CURVES = 1e-4
-"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas."""
-STRAIGHT = 1e-6
-"""Angle between the flat parts of a facet of second order below which its sides are straight."""
-CURVED = 1e-4
-"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
-ALIKE = 0.1
-"""Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
-SAG = 0.13
-"""Mean sag of facets over the mean gap above which the mesh makes the gap. The mean pressure of a press fit of rings
-was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below 0.13."""
+
+
+class QuadraticFacets(Protocol):
+    """Facets of second order of a surface whose facets are the flat parts of these; a plug-in makes them."""
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Nodes of each facet, counted within the surface, (F, K)."""
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners of each facet, (F, k)."""
+
+    def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those of these, (q, k)."""
+
+    def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
+        """Conditions of single nodes of the surface, averaged."""
+
+    def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
+        """Matrix that shares the functions of nodes with imposed displacements among their neighbours, (n, n)."""
+
+    def sag_shares(self, outward: np.ndarray) -> np.ndarray:
+        """Deviation of flat parts with normals (f, dim) over that of flat facets with these, (f,)."""
+
+    def warn_of_straight_sides(self, surfaces: Sequence[Surface]) -> None:
+        """Warn of a curved surface with straight sides."""
 
 
 @dataclass(frozen=True)
@@ -105,88 +112,12 @@ class Surface:
         return found * self.sag_shares()[facets]
 
     def sag_shares(self) -> np.ndarray:
-        """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,); 1 at order 1.
-
-        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Curved
-        sides are parabolas, which deviate from an arc by the square of the angle between the parts.
-        """
-        if self.quadratic is None:
-            return np.ones(len(self.facets))
-        parts = self.outward.reshape(-1, self.quadratic.parts, self.outward.shape[1])
-        cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
-        angles = np.repeat(np.arccos(np.clip(cosines, -1.0, 1.0)), self.quadratic.parts)
-        return np.where(angles < STRAIGHT, 4.0, angles**2)
-
-    def displaced(self, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of the functions of the displacement, and their values, (m, K) each, at points of facets, (m, k).
-
-        On facets of second order these functions are not those of the flat parts on which the points were found.
-        """
-        if self.quadratic is None:
-            return self.facets[facets], weights
-        whole, values = self.quadratic.functions(facets, weights)
-        return self.quadratic.nodes[whole], values
+        """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,)."""
+        return np.ones(len(self.facets)) if self.quadratic is None else self.quadratic.sag_shares(self.outward)
 
     def averaged(self, rows: ContactRows) -> ContactRows:
-        """Average conditions of single nodes of this slave surface, on facets of second order alone.
-
-        Nodes beyond the edge of a master have no condition. A facet that lies there in part contributes the flat parts
-        with conditions at all nodes, as facets of first order. See :mod:`hhr_dolfinx.pairings.second_order`.
-        """
-        if self.quadratic is None:
-            return rows
-        place = np.full(len(self.nodes), -1)
-        place[np.searchsorted(self.nodes, rows.slaves)] = np.arange(rows.gap.size)
-        integrals = self.quadratic.integrals(self.points, self.weights, place >= 0)
-        nodes = np.flatnonzero(np.diff(integrals.indptr))
-        if not nodes.size:
-            raise SceneError(
-                f"no part of a facet of slave surface {self.tag} lies in front of its master with all of its nodes: "
-                "mesh it finer"
-            )
-        nodes = nodes[np.argsort(place[nodes])]
-        normals = np.zeros_like(self.points)
-        own = rows.matrix.tocoo()
-        at_slave = own.col // self.points.shape[1] == rows.slaves[own.row]
-        slaves = np.searchsorted(self.nodes, rows.slaves)
-        normals[slaves[own.row[at_slave]], own.col[at_slave] % self.points.shape[1]] = own.data[at_slave]
-        shared = self.shared(normals, nodes)
-        tested = csr_matrix(shared @ integrals)
-        nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
-        mixed = tested[nodes].tocoo()
-        areas = np.bincount(mixed.row, mixed.data, nodes.size)
-        shape = nodes.size, rows.gap.size
-        means = csr_matrix((mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape)
-        matrix = csr_matrix(means @ rows.matrix)
-        return ContactRows(matrix, means @ rows.gap, self.nodes[nodes], self.points[nodes], areas)
-
-    def shared(self, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions psi_j of nodes with imposed displacements among their neighbours, (n, n).
-
-        With one function for each node conditions would be dependent if some displacements are imposed, as at the end
-        of a mortar surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
-        """
-        count = len(self.nodes)
-        held = np.zeros(count, dtype=bool)
-        if self.free is not None:
-            held[nodes] = ~(np.abs(normals) * self.free > 0).any(axis=1)[nodes]
-        if not held.any() or held[nodes].all():
-            return identity(count, format="csr")
-        moving = np.zeros(count)
-        moving[nodes] = ~held[nodes]
-        k = self.facets.shape[1]
-        places = np.repeat(self.facets, k, axis=1).ravel(), np.tile(self.facets, k).ravel()
-        beside = csr_matrix((np.ones(self.facets.size * k), places), shape=(count, count))
-        beside.data[:] = 1.0
-        towards = diags(moving) @ beside @ diags(held.astype(float))
-        share = np.asarray(towards.sum(axis=0)).ravel()
-        return csr_matrix(diags(moving) + towards @ diags(1 / np.where(share > 0, share, 1.0)))
-
-    def node_depths(self) -> np.ndarray:
-        """Smallest depth of the facets at each node, (n,)."""
-        smallest = np.full(len(self.nodes), np.inf)
-        np.minimum.at(smallest, self.facets, self.depths[:, None])
-        return smallest
+        """Conditions of single nodes of this slave surface, averaged on facets of second order."""
+        return rows if self.quadratic is None else self.quadratic.averaged(self, rows)
 
     def lengths(self) -> np.ndarray:
         """Length of each facet; in space, the root of its area, (f,)."""
@@ -224,7 +155,7 @@ def make_surface(
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
-    facet_nodes, inner_points, quadratic = _parted(facet_nodes, inner_points, points)
+    facet_nodes, inner_points, quadratic = _parted(tag, facet_nodes, inner_points, points)
     middles = points[facet_nodes].mean(axis=1)
     nodes, local = np.unique(facet_nodes, return_inverse=True)
     corners = points[facet_nodes]
@@ -254,7 +185,7 @@ def make_surface(
 
 
 def _parted(
-    facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
+    tag: Tag, facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
     """Flat facets and a point behind each, in an order independent of ranks; facets of second order that they form."""
     middles = points[facet_nodes].mean(axis=1)
@@ -263,11 +194,7 @@ def _parted(
     inner_points = inner_points[order]
     if facet_nodes.shape[1] <= 2 * (points.shape[1] - 1):
         return facet_nodes, inner_points, None
-    from hhr_dolfinx.pairings.second_order import QuadraticFacets, flat_parts
-
-    flat = flat_parts(facet_nodes)
-    quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
-    return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
+    return registry.tool("second_order_facets", f"surface {tag} of cells of second order")(facet_nodes, inner_points)
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
@@ -315,33 +242,11 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: 
         )
 
 
-def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
-    """Warn if a flat surface looks neither along nor against a unit normal; one parallel to it is refused later."""
-    mean = surface.sizes @ surface.outward / surface.sizes.sum()
-    length = np.linalg.norm(mean)
-    cosine = abs(mean @ normal) / length if length > 0 else 1.0
-    if length > FLAT and GRAZING < cosine < np.cos(np.deg2rad(TILT)):
-        warn(
-            f"the contact normal {normal.tolist()} is {np.rad2deg(np.arccos(cosine)):.0f} degrees off that of the flat "
-            f"surface {surface.tag}, {np.round(mean / length, 3).tolist()}: gaps and forces are along the normal that "
-            "is given. Leave it out to take that of the surface"
-        )
-
-
 def mean_normal(surface: Surface) -> np.ndarray:
     """Mean outer normal, zero for a closed surface, (dim,)."""
     mean = surface.sizes @ surface.outward
     length = np.linalg.norm(mean)
     return mean / length if length > 1e-9 * surface.sizes.sum() else np.zeros_like(mean)
-
-
-def never_facing(slave: Surface, master: Surface, why: str) -> str:
-    """Message for surfaces without a common part."""
-    return (
-        f"surfaces {slave.tag} and {master.tag} never face each other: {why}; slave around "
-        f"{slave.points.mean(axis=0).tolist()}, master around {master.points.mean(axis=0).tolist()}. "
-        "Check the tags, the normal (from slave to master) and that outer sides are tagged"
-    )
 
 
 def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
@@ -355,61 +260,6 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
             f"the initial overlap at surface {surface.tag} exceeds a cell at {int(deep.sum())} places, most "
             f"({-rows.gap[worst]:.3g}) at {rows.points[worst].tolist()}: check the positions and the normal"
         )
-
-
-def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) -> None:
-    """Warn if the mesh makes the gap, by the mean of :meth:`Surface.bulges` over the parts that face each other."""
-    gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
-    least = LEAST_SAG if slave.quadratic is None else LEAST_SAG_OF_CURVES
-    if sag > SAG * gap and sag > least * np.ptp(slave.points):
-        warn(
-            f"the gap of surfaces {slave.tag} and {master.tag} is {gap:.3g} on average, and their flat facets are off "
-            f"the curved surfaces they stand for by {sag:.3g} on average: the gap is one of the mesh. Mesh both finer, "
-            "until the sag of a facet, its length times its angle to the next one over 8, is far below the gap, or "
-            "mesh both alike, node to node"
-        )
-
-
-def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
-    """Warn of a curved surface with straight sides at second order; sags of surfaces curved alike cancel in the gap."""
-    sags = [_straight_sag(surface) for surface in surfaces]
-    place = int(np.abs(sags).argmax())
-    worst = surfaces[place]
-    largest = abs(sags[place])
-    if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
-        return
-    warn(
-        f"displacements are of second order and the sides of surface {worst.tag} are straight, though it is curved: "
-        f"between corners its gap is that of chords, {largest:.2g} off on average, and pressures alternate from "
-        "node to node. Mesh it with cells of second order, whose sides are curved (gmsh: setOrder(2)), or take "
-        "displacements of first order, Scene(order=1)"
-    )
-
-
-def _straight_sag(surface: Surface) -> float:
-    """Mean height of the curved surface above its flat parts if sides of second order are straight; else 0."""
-    if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
-        return 0.0
-    count, k = surface.facets.shape
-    bulges = surface.bulges(np.arange(count), np.full((count, k), 1 / k))
-    return float(bulges @ surface.sizes / surface.sizes.sum())
-
-
-def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
-    """Warn of slave nodes, a mask ``lost``, that look past the edge of the master and get no condition."""
-    if lost.any():
-        warn(
-            f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
-            f"surface {master.tag} and get no contact condition, e.g. at {slave.points[lost][0].tolist()}{advice}"
-        )
-
-
-def beyond_overlap(deepest: float) -> str:
-    """Reason for :func:`never_facing` if surfaces lie behind each other."""
-    return (
-        f"one lies behind the other by up to {deepest:.3g}, more than a cell, as back sides do. Where bodies are meant "
-        "to overlap so deeply, give the contact a normal, or mesh them apart and overlap them by an Opening"
-    )
 
 
 def warn(message: str) -> None:
@@ -441,3 +291,18 @@ def normalised(vectors: np.ndarray) -> np.ndarray:
     """Unit vectors along the last axis; zero stays zero."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(lengths > 0, lengths, 1.0)
+
+
+def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or tensor-ordered square, (m, 2)."""
+    x, y = local.T
+    one = np.ones_like(x)
+    if k == 3:
+        values = np.stack([one - x - y, x, y], axis=1)
+        slopes = np.broadcast_to([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]], (len(x), 3, 2))
+    else:
+        values = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)
+        along_x = np.stack([y - 1, 1 - y, -y, y], axis=1)
+        along_y = np.stack([x - 1, -x, 1 - x, x], axis=1)
+        slopes = np.stack([along_x, along_y], axis=2)
+    return values, slopes

@@ -71,6 +71,11 @@ def break_off(x):
     x[inner_corner(x), 0] = np.nan
 
 
+def close(x):
+    """Move the second node of the floor onto the first one, at a corner of the block."""
+    x[np.isclose(x[:, 0], 0.375) & np.isclose(x[:, 1], 0.0), 0] = 0.0
+
+
 def aside(x):
     x[:, 0] -= 0.2
 
@@ -92,6 +97,7 @@ GEOMETRIES = [
     (lambda *_: (dmesh.create_unit_interval(MPI.COMM_WORLD, 3), None, None), "kind interval .* not supported, only t"),
     (moved(fold), r"2 cells of the mesh are folded or turned inside out, e\.g\. around \[0\.2"),
     (moved(flatten), r"4 cells of the mesh have no volume, e\.g\. around \["),
+    (moved(close), rf"1 facets of contact surface {LOWER} have no area, e\.g\. at \["),
     (moved(break_off), r"4 cells of the mesh have coordinates that are not finite"),
 ]
 
@@ -203,6 +209,11 @@ def test_loads_that_would_do_nothing_or_fail(load, message):
     refused(changed(geometry=with_inner_tag, loads=(load,)), message)
 
 
+def test_contact_inside_the_mesh():
+    scene = changed(geometry=with_inner_tag, contacts=(hhr.Obstacle(99, (0.0, 1.0), 2.0),))
+    refused(scene, "contact surface 99 has facets inside the mesh, around")
+
+
 def test_axisymmetric_scenes_know_their_axis():
     refused(changed("axisymmetric", moved(aside)), r"5 nodes .* have r < 0, e\.g\. at \[-0\.2, .*the axis is r = 0")
     load = hhr.PartialPressure(UPPER, 1.0, "push", axis=0)
@@ -242,7 +253,7 @@ def test_a_body_that_flows_and_can_move_freely_is_named_with_its_motion(scene, m
     refused(dataclasses.replace(scene, bodies=bodies), message, NotSolvableError)
 
 
-@needs("floating", "inelastic")
+@needs("floating", "inelastic", "mortar")
 @pytest.mark.parametrize("loose", [1, 2])
 def test_the_free_one_of_two_bodies_is_named(loose):
     """Its end is held along axis 0 only."""

@@ -5,14 +5,11 @@ import warnings
 
 import numpy as np
 import pytest
-from dolfinx import mesh as dmesh
-from needs import MORTAR, needs, present
-from scenes import pair_scene, slope
-from test_pairings_independent import make
+from needs import present
+from surfaces import make
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
-from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.pairings.surface import area_vectors
 
 BULGE = 0.05
@@ -66,8 +63,9 @@ def kinds(dim):
     down = -np.eye(dim)[-1]
     found = {"node to node": hhr.NodeToNode(1, 2, tuple(down)), "obstacle": hhr.Obstacle(1, tuple(down), -1.0)}
     for name, normal in (("", None), (" along n", tuple(down))):
-        found["node to surface" + name] = hhr.NodeToSurface(1, 2, normal)
-        found["double pass" + name] = hhr.DoublePass(1, 2, normal)
+        if present("nonmatching"):
+            found["node to surface" + name] = hhr.NodeToSurface(1, 2, normal)
+            found["double pass" + name] = hhr.DoublePass(1, 2, normal)
         if present("mortar"):
             found["mortar" + name] = hhr.Mortar(1, 2, normal)
             found["standard mortar" + name] = hhr.Mortar(1, 2, normal, multipliers="standard")
@@ -152,52 +150,3 @@ def test_a_surface_that_looks_away_is_refused():
     away = make(1, points, half, points[half].mean(axis=1) / 2)
     with pytest.raises(SceneError, match="none of its 23 facets does"):
         hhr.Obstacle(1, (0.0, -1.0), 1.3).rows([away], points.size)
-
-
-def pressed_squares(pairing, dim, *, whole, simplices=False):
-    """Unit blocks .01 apart, E = 1000 and nu = 0, pressed together by .03: the pressure is 10."""
-    up = dim - 1
-    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + 1.0,), (4, 4, 2)[-dim:]) for low in (0.0, 1.01)]
-
-    def geometry(comm):
-        mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1], simplices=simplices)
-        values = sides.values.copy()
-        for body, held in ((1, two_blocks.side(1, up, False)), (2, two_blocks.side(2, up, True))) if whole else ():
-            own = [two_blocks.side(body, axis, upper) for axis in range(dim) for upper in (False, True)]
-            values[np.isin(values, own) & (values != held)] = body
-        return mesh, bodies, dmesh.meshtags(mesh, up, sides.indices, values)
-
-    tags = (2, 1) if whole else (two_blocks.side(2, up, False), two_blocks.side(1, up, True))
-    below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
-    held = *hhr.Displacement.clamp(below, dim), *hhr.Displacement.clamp(above, up)
-    return pair_scene(
-        "pressed_squares",
-        {"down": (0.0, 0.05)},
-        *boxes,
-        ((1e3, 0.0),) * 2,
-        geometry=geometry,
-        hypothesis="plane_strain" if dim == 2 else "solid",
-        contacts=(pairing(*tags),),
-        displacements=(*held, hhr.Displacement(above, up, slope("down", -1.0))),
-        outputs=(hhr.LargestPressure("pressure", 0), hhr.ContactForce("force", 0, (0.0,) * up + (1.0,))),
-    )
-
-
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
-@pytest.mark.parametrize(("dim", "simplices"), CELLS)
-def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplices):
-    """On matching meshes, where all pairings have it; to the round-off of a solution, 1e-9 of 10."""
-    full_order = hhr.FullOrderModel(pressed_squares(pairing, dim, whole=True, simplices=simplices))
-    answer = full_order.solve(0.03)
-    assert full_order.problem.contact_areas.sum() == pytest.approx(1.0, abs=1e-12)
-    assert answer.forces() / full_order.problem.contact_areas == pytest.approx(10.0, abs=1e-8)
-    assert dict(answer.outputs()) == pytest.approx({"pressure": 10.0, "force": 10.0}, abs=1e-8)
-
-
-@needs("checks", "mortar")
-def test_a_check_says_how_much_of_a_surface_faces_nothing():
-    """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the other one."""
-    from hhr_dolfinx.plugins.checks.check import check_scene
-
-    told = str(check_scene(pressed_squares(hhr.Mortar, 2, whole=True)).findings)
-    assert "5 conditions" in told and "4 of 9 nodes of 2 face nothing" in told

@@ -111,6 +111,7 @@ EXTRA = {
 }  # fmt: skip
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", EXTRA)
 def test_what_no_scene_names_does_not_refuse_a_deck(what, tmp_path):
     text, wanted = EXTRA[what]
@@ -129,6 +130,7 @@ def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
     assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
 
 
+@needs("nonmatching")
 def test_sets_that_overlap_are_surfaces_and_bodies(tmp_path):
     """A set of all elements, and one of nodes around everything, beside those that are used."""
     around = "*NSET, NSET=AROUND\n" + "".join(f"{k},\n" for k in range(1, 17))
@@ -146,6 +148,7 @@ def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
         hhr.MeshFile(path).read()
 
 
+@needs("nonmatching")
 def test_an_element_ends_when_it_has_its_nodes(tmp_path):
     """And goes on where it has not; a deck is read by its content, whatever its ending."""
     path = written(tmp_path / "commas.inp", re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
@@ -215,6 +218,7 @@ MARKERS = {
 }  # fmt: skip
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", MARKERS)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     name, held, names = MARKERS[what]
@@ -222,6 +226,7 @@ def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
 
 
+@needs("nonmatching")
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
     with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
         pressure(by_meshio(tmp_path / "c.vtu", **TWO_ARRAYS))
@@ -317,6 +322,7 @@ XDMF = {
 }
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("what", XDMF)
 def test_xdmf_of_others(what, tmp_path):
     """PETSc is loaded by then, whose HDF5 is another one than netCDF4's."""
@@ -432,6 +438,7 @@ def test_a_summary_of_a_file(beam):
     assert text.endswith("    TABLE  1 element of type S4 in it, neither cells nor sides of cells")
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize(
     ("tag", "why"),
     [("EDGE", "'EDGE' is in the file: a set of 2 nodes that holds no whole facet"),
@@ -443,13 +450,14 @@ def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, beam):
     assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
 
 
+@needs("nonmatching")
 def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
     with pytest.raises(SceneError, match=r"facet tags \[15\] are not in the mesh") as found:
         pressure(written(tmp_path / "c.bdf", nastran()), (1, 2, 11, 12, 13, 15))
     assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
 
 
-@needs("checks")
+@needs("checks", "nonmatching")
 def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, monkeypatch):
     from shell import invoke
 
@@ -468,7 +476,7 @@ def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, m
     assert invoke("check", "beam.inp", "--at", "load=3")[0] == 2
 
 
-@needs("checks")
+@needs("checks", "nonmatching")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
     from hhr_dolfinx.plugins.checks.check import check_scene

@@ -28,7 +28,9 @@ PAIRINGS = {
     "node to node": lambda: hhr.NodeToNode(HEAD_UNDER, FLANGE_TOP, (0.0, 0.0, -1.0)),
     "obstacle": lambda: hhr.Obstacle(HEAD_UNDER, (0.0, 0.0, -1.0), 0.0),
 }
-CASES = [pytest.param(name, marks=needs("mortar") if "mortar" in name else ()) for name in PAIRINGS]
+CASES = [
+    pytest.param(name, marks=() if name in ("node to node", "obstacle") else needs("nonmatching")) for name in PAIRINGS
+]
 
 
 def head_on_flange(size, *, alike=False):

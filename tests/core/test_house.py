@@ -165,13 +165,15 @@ OF_NEITHER = {"kmedoids", "matplotlib", "pyvista", "sklearn"} | own(
 """Outputs, gradients, many parameters at once, stiffness that varies, samplings and pictures."""
 UNNEEDED = {
     "elastic": OF_NEITHER | {"shapely"} | own(
-        "formulas full_order.gauss_points models.functionals.functional models.functionals.kinds "
-        "pairings.node_to_surface pairings.projection"),
+        "formulas full_order.gauss_points models.functionals.functional models.functionals.kinds"),
     "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }  # fmt: skip
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
 OF_BOTH = {"checks", "differences", "small_strains", "studies"}
-PLUGINS = {"elastic": OF_BOTH | {"baselines"}, "inelastic": OF_BOTH | {"inelastic", "mortar", "volume_loads"}}
+PLUGINS = {
+    "elastic": OF_BOTH | {"baselines"},
+    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "volume_loads"},
+}
 """All plug-ins of which such a study loads more than the manifest."""
 
 STUDIES = {"elastic": """

@@ -50,6 +50,7 @@ def twisted(*fields, **others) -> hhr.Scene:
     })  # fmt: skip
 
 
+@needs("nonmatching")
 def test_a_ring_that_is_turned_bears_the_torque_of_its_section():
     """T = G J θ / L with J = π (R^4 - r^4) / 2, from the strain energy T θ / 2; facets take 1 % of the section."""
     radial = hhr.NodeToSurface(side(FIRST, 0, True), side(SECOND, 0, False))

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
 from launched import launch
+from mpi4py import MPI
 from needs import needs
-from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope, space
+from scenes import block_scene, check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope, space
 from scipy.sparse import csc_matrix, csr_matrix
 from toy_nonaffine_load import Square, WindLoad
 
@@ -212,3 +213,29 @@ def test_amplitudes_without_a_derivative_are_differenced_by_the_box(at):
     amplitudes = Amplitudes.collect([Wave()], space(a=(-1.0, 1.0)))
     _, slopes = amplitudes.slopes_at(np.array([at]))
     assert slopes[-1, 0] == pytest.approx(np.cos(at), abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
+@pytest.mark.parametrize("height", [0.0, 0.04, 0.25, 0.41, 0.875, 1.0])
+def test_partial_pressures_are_integrated_exactly(order, height):
+    """Nodal forces work on polynomials of the degree of the cells as the pressure does, wherever it ends."""
+    scene = block_scene(
+        "wall", {"p": (0.0, 10.0), "h": (0.0, 1.0)}, simplices=True, order=order,
+        contacts=(hhr.Obstacle(block.side(1, True), normal=(0.0, 1.0), offset=2.0),),
+        displacements=hhr.Displacement.clamp(block.side(0, False), 2),
+        loads=(hhr.PartialPressure(block.side(0, True), slope("p"), "h"),),
+    )  # fmt: skip
+    problem = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
+    point = np.array([3.0, height])
+    forces = (problem.external @ problem.amplitudes(point)).reshape(-1, 2)
+    y = problem.points[:, 1]
+    for power in range(order + 1):
+        assert forces[:, 0] @ y**power == pytest.approx(-3.0 * height ** (power + 1) / (power + 1), abs=1e-13)
+    assert not forces[:, 1].any()
+    amplitudes = problem.amplitudes
+    acting, slopes = amplitudes.slopes_at(point)
+    if 0.0 < height < 1.0 and height % 0.25:
+        step = np.array([0.0, 1e-6])
+        ahead, behind = (problem.external @ amplitudes(point + way * step) for way in (1, -1))
+        found = problem.external[:, acting] @ slopes[:, 1]
+        np.testing.assert_allclose(found, (ahead - behind) / 2e-6, atol=1e-8)

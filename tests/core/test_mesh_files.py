@@ -99,7 +99,7 @@ def faces_of_cells():
     }
 
 
-@needs("exporters")
+@needs("exporters", "nonmatching")
 def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
     from hhr_dolfinx.plugins.exporters.deck import write_deck
 
@@ -111,10 +111,12 @@ def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
     answers_alike(again, exact)
 
 
+@needs("nonmatching")
 def test_the_deck_beside_the_mesh_is_of_the_same_scene(exact):
     answers_alike(your_scene.MESH.with_suffix(".inp"), exact)
 
 
+@needs("nonmatching")
 def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
     faces = faces_of_cells()
     blocks = {k: ("TRI3", block.data + 1) for k, block in enumerate(MESH.cells[-3:], start=1)}
@@ -123,6 +125,7 @@ def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
     answers_alike(write_exodus(tmp_path / "mesh.e", MESH.points[:, :2], blocks, sides, names), exact)
 
 
+@needs("nonmatching")
 def test_xdmf_as_dolfinx_writes_it_by_numbers(tmp_path, exact):
     mesh, cells, facets = hhr.MeshFile(your_scene.MESH)(MPI.COMM_SELF)
     cells.name, facets.name = "cells", "facets"
@@ -134,11 +137,13 @@ def test_xdmf_as_dolfinx_writes_it_by_numbers(tmp_path, exact):
     answers_alike(by_numbers(your_scene.scene(tmp_path / "mesh.xdmf")), exact)
 
 
+@needs("nonmatching")
 def test_numbers_of_the_file_are_as_good_as_names(exact):
     scene = your_scene.scene()
     answers_alike(dataclasses.replace(scene, bodies=by_numbers(scene).bodies), exact)
 
 
+@needs("nonmatching")
 def test_a_file_in_other_units(tmp_path, exact):
     small = meshio.Mesh(MESH.points * 1e-3, MESH.cells, cell_data=MESH.cell_data, field_data=MESH.field_data)
     meshio.gmsh.write(tmp_path / "m.msh", small, fmt_version="2.2")
@@ -304,6 +309,7 @@ def test_arguments_that_are_none(given):
         hhr.MeshFile(*given)
 
 
+@needs("nonmatching")
 def test_names_in_a_scene_whose_mesh_has_none():
     plain = lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm))  # noqa: E731
     scene = dataclasses.replace(your_scene.scene(), geometry=plain)
@@ -311,6 +317,7 @@ def test_names_in_a_scene_whose_mesh_has_none():
         hhr.FullOrderModel(scene)
 
 
+@needs("nonmatching")
 def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
     training = hhr.train(your_scene.scene(), hhr.Sobol(16), comm=MPI.COMM_SELF)
     with pytest.warns(UserWarning):  # few answers
@@ -320,7 +327,7 @@ def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
     assert largest_difference(again.multipliers, model.solve(POINT).multipliers) < 1e-12
 
 
-@needs("floating")
+@needs("floating", "nonmatching")
 def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):
     scene = your_scene.scene()
     free = tuple(item for item in scene.displacements if item.tag != "roller_flat")

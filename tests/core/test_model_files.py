@@ -36,7 +36,7 @@ from hhr_dolfinx.plain import as_plain, restored
 OF_MESH = {"full", "full, friction", "full, friction and flowing", "full, flowing", "naive", "fallback"}
 OF_CONTRACT = tuple(kind for kind in contract.KINDS if kind not in {*OF_MESH, "interpolated condensation, floating"})
 LOCAL = ("local pellet",) if present("local") else ()
-FLOWING = ("condensed pellet", "flowing pellet") if present("inelastic") else ()
+FLOWING = ("condensed pellet", "flowing pellet") if present("inelastic", "nonmatching") else ()
 PELLET = ("pellet", *LOCAL, *FLOWING)
 ALL = (*OF_CONTRACT, *PELLET)
 QUICK = {
@@ -242,7 +242,7 @@ def test_an_elastic_model_loads_no_flow(kept):
     python("-c", program)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
     model = models("condensed pellet")
     given = np.zeros_like(model.fields.given)
@@ -272,7 +272,7 @@ def test_what_models_share_is_kept_once(models, kept, tmp_path):
     assert 0 < more < 30_000  # the tree again, small arrays, and the choice
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_gradients_come_back(models, kept):
     """Along moduli too; von Mises' stress at Gauss points has none."""
     model = models("condensed pellet")
@@ -286,7 +286,7 @@ def test_gradients_come_back(models, kept):
     assert other.gradient["u"].all()
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 @pytest.mark.usefixtures("restless")
 def test_threads_ask_one_model(models):
     """Each with elasticity of its own, half of them with a law in Python: the answers are those of one thread."""
@@ -314,7 +314,7 @@ def with_law(model, law):
     return model.changed(flow=replace(model.flow, groups=(one, replace(two, law=law))))
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 @pytest.mark.parametrize("kind", ["flowing pellet", "condensed pellet"])
 def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp_path):
     model, own = with_law(models(kind), Bingham(100.0, 1e5)), tmp_path / "own.npz"
@@ -376,7 +376,7 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
         stored.solve(point, outside="ignore").stress()
 
 
-@needs("local", "inelastic")
+@needs("local", "inelastic", "nonmatching")
 def test_what_could_not_be_read_is_not_written(models, tmp_path):
     model, flow = models("pellet"), models("condensed pellet")
     problem, local = model.problem, models("local pellet")
@@ -401,7 +401,7 @@ def test_what_could_not_be_read_is_not_written(models, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_nothing_that_flowed_in_training(models, tmp_path):
     """Without modes for the plastic strain there is none outside the RID."""
     model = models("flowing pellet")
@@ -412,7 +412,7 @@ def test_nothing_that_flowed_in_training(models, tmp_path):
     assert stored.fields.flow.gauss_points == model.fields.flow.gauss_points
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 @pytest.mark.parametrize("how", ["points of the RID", "condensed"])
 def test_models_in_space_come_back(how, tmp_path):
     law = hhr.Plasticity(0.02, 0.5)
@@ -430,7 +430,7 @@ def test_models_in_space_come_back(how, tmp_path):
     assert bits_of(one) == bits_of(other) and one[-1].plastic_strain().any()
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_indices_of_four_bytes_are_widened(file):
     """Compiled loops multiply them: beyond 46341 dofs the product would turn negative."""
     path = file("flowing pellet")
@@ -489,7 +489,7 @@ def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
         refused(kept("pellet"), r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)", known=known)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_a_missing_package_is_no_damage(kept):
     """Nobody should build a model again where the loops of its flow cannot be compiled."""
     for kind in ("flowing pellet", "condensed pellet"):

@@ -309,7 +309,9 @@ SEEDS = [pytest.param(20, 1, id="sample"), pytest.param(200, 2, id="full", marks
 
 
 @pytest.mark.parametrize("count, seed", SEEDS)
-@pytest.mark.parametrize("which", [0, 1, pytest.param(2, marks=needs("inelastic"))], ids=["discs", "pellet", "flowing"])
+@pytest.mark.parametrize(
+    "which", [0, 1, pytest.param(2, marks=needs("inelastic", "nonmatching"))], ids=["discs", "pellet", "flowing"]
+)
 def test_mutated_models(which, count, seed, models, tmp_path):
     wrong, refused = trial("model", models[which], tmp_path / "mutants", count, seed + 10 * which)
     assert not wrong

@@ -219,7 +219,7 @@ def test_a_study_reports_their_errors(constant):
     assert row["unit"] == "MPa" and row["largest"] > 50 and row["max"] < 0.1
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_bodies_that_flow_answer_at_every_step():
     import pellet_cladding_plastic as plastic
     from flowing import SMALL_MESH, STEPS, TRAINING

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from needs import needs
-from scenes import check_contact_conditions, references_at, whole_domain
-from test_nonmatching import check_closed
+from scenes import check_closed, check_contact_conditions, references_at, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.starts import KnownStatuses

@@ -45,7 +45,11 @@ def both(make, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=needs("friction") if name == "friction" else ()) for name in SCENES]
+    "name",
+    [
+        pytest.param(name, marks=needs(name.replace(" ", "_")) if name in ("friction", "second order") else ())
+        for name in SCENES
+    ],
 )
 def test_answers_are_the_same(name, monkeypatch):
     make, mu = SCENES[name]
@@ -109,7 +113,7 @@ def pressed_sphere(*outputs, cells=8, moduli=False):
     return dataclasses.replace(plain, bodies=bodies, parameters=space, outputs=outputs)
 
 
-@needs("stress")
+@needs("nonmatching", "stress")
 def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     """Hyper-reduction and its estimates take a solution for each mode in the place of one for each row."""
     tag = sphere_on_block.geometry.SPHERE
@@ -126,7 +130,7 @@ def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
     assert not lean.stiffness.has_response
 
 
-@needs("stress")
+@needs("nonmatching", "stress")
 def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
     """A largest stress has six rows for each cell: values and derivatives by one more solution each."""
     kept, lean = both(lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch)
@@ -182,7 +186,7 @@ class Counted:
         monkeypatch.setattr(sparse.FreeCholesky, "between_last", counted_between)
 
 
-@needs("moduli")
+@needs("moduli", "nonmatching")
 @pytest.mark.parametrize("by_columns", [True, False])
 def test_s_is_made_once(monkeypatch, by_columns):
     """When it is first asked for; by a model with moduli, its bound and the full order together."""
@@ -239,7 +243,7 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
         assert answer.estimate().forces_euclid == pytest.approx(known.estimate().forces_euclid, rel=1e-3)
 
 
-@needs("checks")
+@needs("checks", "nonmatching")
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
     """Measured on one core: 96,288 dofs and 1089 conditions .64 GB and 9 s for factors, .010 s a column."""
     from hhr_dolfinx.plugins.checks.check import check_scene
@@ -273,6 +277,7 @@ def put_off(solver, stiffness, part):
     return changed
 
 
+@needs("nonmatching")
 def test_solutions_by_inexact_factors_are_refined(told_to_compress):
     """Factors a thousandth off: vectors and columns to round-off, blocks of S as the factors are."""
     full = told_to_compress
@@ -286,6 +291,7 @@ def test_solutions_by_inexact_factors_are_refined(told_to_compress):
     np.testing.assert_allclose(rough, 1.001 * known, atol=1e-9)
 
 
+@needs("nonmatching")
 def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
     full = told_to_compress
     put_off(full.store.first, full.problem.stiffness, 1.5)
@@ -293,7 +299,7 @@ def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
         full.stiffness.solve(np.ones(full.problem.free.size))
 
 
-@needs("moduli")
+@needs("moduli", "nonmatching")
 @pytest.mark.parametrize("part", [1e-6, 1e-8])
 def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     """Random forces probe S: the bound of a condensed model is larger than its error, and goes with it.
@@ -332,6 +338,7 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
         assert fine * np.exp(-least_response.STEP / 2) <= coarse.pressure_relative < 3**0.5 * fine
 
 
+@needs("nonmatching")
 def test_options_count_more_than_the_usual_compression(monkeypatch):
     """PETSc options take the prefix of the scene, as documented, for whole and for compressed factors."""
     scene = dataclasses.replace(pressed_sphere(), name="told_apart")

@@ -5,7 +5,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from needs import needs
+from needs import cases_of, needs
 from scenes import largest_difference, lying, pressed_pair, slope_errors
 
 import hhr_dolfinx as hhr
@@ -19,7 +19,7 @@ BOX = {"E1": (1.0, 6.0), "E2": (20.0, 900.0), "c": (0.0, 1.0)}
 MESHES = {"plane_strain": {"cells": 4}, "axisymmetric": {"cells": 3, "matching": False}, "solid": {"cells": 2}}
 
 
-@pytest.fixture(scope="module", params=MESHES)
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def full(request):
     return hhr.FullOrderModel(pressed_pair(request.param, YOUNG, BOX, **MESHES[request.param]))
 

@@ -124,21 +124,22 @@ CHECKS = {
 }
 """What reports must hold besides, and the folder where they lie."""
 OF_PLUGINS = {
-    "benchmarks": ("mortar",),
-    "calculix": ("exporters", "mortar"), "calibrate": ("moduli",),
+    "benchmarks": ("mortar", "second_order"),
+    "calculix": ("exporters", "mortar", "second_order"), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
     "contact_patch_test": ("mortar",),
     "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables"),
     "extreme_cases": ("baselines", "inelastic", "mortar"), "fretting": ("friction",), "friction": ("friction",),
-    "friction_flow": ("friction", "inelastic"), "friction_pellet": ("friction", "moduli"),
+    "friction_flow": ("friction", "inelastic", "nonmatching"), "friction_pellet": ("friction", "moduli"),
     "friction_random": ("friction",), "fuel_rod": ("moduli", "volume_loads"), "greedy_training": ("greedy", "moduli"),
-    "history_indicator": ("inelastic",), "indentation": ("inelastic", "mortar"),
+    "history_indicator": ("inelastic", "nonmatching"), "indentation": ("inelastic", "mortar"),
     "local_models": ("greedy", "local", "moduli", "theorems"),
     "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "shapes", "volume_loads"),
-    "pellet_cladding_plastic": ("inelastic",), "pellet_materials": ("moduli",),
+    "pellet_cladding_nonmatching": ("nonmatching",),
+    "pellet_cladding_plastic": ("inelastic", "nonmatching"), "pellet_materials": ("moduli",),
     "press_fit": ("moduli", "mortar", "shapes", "volume_loads"),
     "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"), "random_recipes": ("baselines",),
-    "scale": ("moduli", "mortar"), "second_order": ("mortar",), "sliding_punch": ("sliding", "friction"),
+    "scale": ("moduli", "mortar"), "second_order": ("mortar", "second_order"), "sliding_punch": ("sliding", "friction"),
     "sphere_on_block": ("mortar",),
 }  # fmt: skip
 """Plug-ins that scripts need, besides that of studies."""

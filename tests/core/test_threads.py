@@ -94,7 +94,7 @@ def history_bits(model, gap, steps, settings=None):
     return [part.tobytes() for step in parts for part in step]
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 @pytest.mark.parametrize(
     ("kind", "search", "steps"), [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)]
 )
@@ -106,7 +106,7 @@ def test_histories_on_one_model(kind, search, steps, small_flow):
     assert at_once(jobs) == expected
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_an_operator_outlives_the_next_one(small_flow):
     """Factors that another linearisation has replaced are made again, not mixed up."""
     full, model = small_flow["full"], small_flow["full"].equilibrium
@@ -194,7 +194,7 @@ def test_prepared_statuses_factor_nothing():
         assert np.array_equal(mine, other)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_a_copy_of_bodies_that_flow_marches_alike(small_flow):
     """With what it was trained on, which asks at its door too."""
     model = small_flow["reduced"]
@@ -206,7 +206,7 @@ def test_a_copy_of_bodies_that_flow_marches_alike(small_flow):
         again.march(demo.path(16.0, 6), hhr.MarchSettings(outside="refuse"))
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_workers_of_a_pool(pellet, reduced, small_flow):
     """Processes that start from nothing get the model by pickle."""
     points = pellet[2][:8]
@@ -233,7 +233,7 @@ def test_a_full_model_and_its_answers_stay_in_their_process(hertz):
             pickle.dumps(item)
 
 
-@needs("shapes")
+@needs("nonmatching", "shapes")
 def test_two_threads_at_two_shapes(monkeypatch):
     """Each has the B of its own shape, that with imposed dofs too: it was once left where the other thread took it."""
     from hhr_dolfinx.plugins.shapes.reshaped import Reshaped

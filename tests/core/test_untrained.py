@@ -30,7 +30,8 @@ def scene(name, **changes):
     return pressed_pair("plane_strain", bodies, box, **more | changes)
 
 
-KINDS = ["constant", pytest.param("moduli", marks=needs("moduli")), pytest.param("shape", marks=needs("shapes"))]
+KINDS = ["constant", pytest.param("moduli", marks=needs("moduli"))]
+KINDS += [pytest.param("shape", marks=needs("nonmatching", "shapes"))]
 
 
 @pytest.fixture(scope="module", params=KINDS)

@@ -8,7 +8,7 @@ import pytest
 import ufl
 from bare import SCENE_FOLDERS
 from launched import launch
-from needs import needs
+from needs import cases_of, needs
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
 
 import hhr_dolfinx as hhr
@@ -41,7 +41,7 @@ def check_like(answer, other, tolerance=1e-12):
     assert np.array_equal(answer.active, other.active)
 
 
-@pytest.fixture(scope="module", params=sorted(MESHES))
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def pair(request):
     """A model whose both bodies vary, by hypothesis."""
     return hhr.FullOrderModel(pressed_pair(request.param, BODIES, MATERIALS, **MESHES[request.param]))

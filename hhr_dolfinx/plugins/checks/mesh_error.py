@@ -115,8 +115,8 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
 def _peak_error(full: FullOrderModel, answer: Answer) -> float:
     """Difference between the largest pressure of contact and the mean stress of the cells at its node, over it.
 
-    On a block under a bowl (tests/core/test_second_order.py) it was 0.073, 0.038 and 0.028 with linear functions and
-    the error of the peak 0.068, 0.044 and 0.038. With quadratic ones it was 0.195, 0.056 and 0.022, and the error
+    On a block under a bowl (``bowl`` in benchmarks/second_order.py) it was 0.073, 0.038 and 0.028 with linear functions
+    and the error of the peak 0.068, 0.044 and 0.038. With quadratic ones it was 0.195, 0.056 and 0.022, and the error
     0.157, 0.024 and 0.002.
     """
     problem = full.problem.at(answer.parameter)

@@ -6,6 +6,7 @@ _PAIRING = "hhr_dolfinx.plugins.mortar.pairing"
 
 PLUGIN = Plugin(
     name="mortar",
+    needs=("nonmatching",),
     public={_PAIRING: "Mortar"},
     parts={"pairings": {"Mortar": f"{_PAIRING}:Mortar"}},
     classes={_PAIRING: "Mortar"},

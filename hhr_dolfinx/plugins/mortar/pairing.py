@@ -19,27 +19,28 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.facing import opposed
-from hhr_dolfinx.pairings.projection import ROUND_OFF, pairs_within
 from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
-    FACING,
     GRAZING,
     Surface,
-    beyond_overlap,
     check_facing,
     mean_normal,
-    never_facing,
     normalised,
     tangential_order,
     unit,
-    warn_beyond_edge,
     warn_of_overlap,
-    warn_of_sag,
-    warn_of_tilt,
 )
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.mortar.segments import Segments, common_parts
+from hhr_dolfinx.plugins.nonmatching.facing import FACING, opposed
+from hhr_dolfinx.plugins.nonmatching.messages import (
+    beyond_overlap,
+    never_facing,
+    warn_beyond_edge,
+    warn_of_sag,
+    warn_of_tilt,
+)
+from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, pairs_within
 
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
@@ -53,7 +54,7 @@ class Mortar:
     With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions psi_j are
     biorthogonal to the shape functions of the slave and tie each row to one slave node; standard ones are the shape
     functions themselves. On cells of second order both are the linear functions of their flat parts, see
-    ``second_order``.
+    the plug-in ``second_order``.
 
     Attributes:
         slave: facet tag of the surface that carries the multipliers.
@@ -149,7 +150,7 @@ class Mortar:
         covered = area > COVERED * looking(slave, normals, least)[1]
         shared = None
         if slave.quadratic is not None and covered.any():
-            shared = slave.shared(normals, np.flatnonzero(covered))
+            shared = slave.quadratic.shared(slave, normals, np.flatnonzero(covered))
             area = shared @ np.where(covered, area, 0.0)
             covered = area > 0
         if not covered.any():
@@ -326,7 +327,7 @@ def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, 
 
 
 def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
-    """Integrals with the multiplier functions of :meth:`Surface.shared`; unchanged if none are shared out."""
+    """Integrals with the multiplier functions of :meth:`QuadraticFacets.shared`; unchanged if none are shared out."""
     return assembled if shared is None else csr_matrix(shared @ assembled)
 
 

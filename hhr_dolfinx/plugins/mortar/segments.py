@@ -13,8 +13,7 @@ from scipy.special import roots_sh_jacobi
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.projection import shape_functions
-from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.pairings.surface import Surface, shape_functions
 
 _SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf))
 """Degree of quadrature by skewness s of the facets, for 1e-10 of the load of a node. On quadrilaterals that are no

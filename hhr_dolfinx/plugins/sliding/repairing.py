@@ -24,13 +24,13 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.tangents import normals_of, tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
+from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.surface_dofs import deformed
 from hhr_dolfinx.warn import ignored
 

@@ -15,10 +15,10 @@ from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm
-from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
+from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
 from hhr_dolfinx.plugins.sliding.surface_dofs import SurfaceDofs, nodes_of, renumbered

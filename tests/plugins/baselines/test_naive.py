@@ -8,7 +8,7 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs
+from needs import cases_of, needs
 from scenes import largest_difference, pressed_block, pressed_pair
 from test_active_set import Twice
 from test_varying import BODIES, MATERIALS, MESHES
@@ -33,7 +33,7 @@ def test_half_discs(hertz, mu):
     check_like(hertz, [mu], 1e-11)
 
 
-@pytest.mark.parametrize("hypothesis", sorted(MESHES))
+@pytest.mark.parametrize("hypothesis", cases_of(MESHES))
 def test_elasticity_that_depends_on_parameters(hypothesis):
     full = hhr.FullOrderModel(pressed_pair(hypothesis, BODIES, MATERIALS, **MESHES[hypothesis]))
     for point in full.parameters.random(2, 0):
@@ -53,7 +53,7 @@ def test_a_pair_listed_twice_is_named():
         NaiveFullOrder(full).solve(0.05)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_inelastic_bodies_are_refused():
     with pytest.raises(SceneError, match="flow"):
         NaiveFullOrder(flowing.flowing_full())

@@ -41,15 +41,15 @@ def texts(found: SceneCheck, *levels: str) -> list[str]:
     return [finding.text for finding in found.findings if finding.level in levels]
 
 
-HEALTHY = (
-    "hertz_half_discs", "pellet_cladding", "pellet_materials", "fuel_rod", "sphere_on_block", "contact_patch_test",
-    "your_scene",
-)  # fmt: skip
-FLOWING = "pellet_cladding_plastic", "indentation"
+DEMOS = {
+    "hertz_half_discs": (), "pellet_cladding": (), "pellet_materials": (), "fuel_rod": ("volume_loads",),
+    "sphere_on_block": ("mortar",), "contact_patch_test": ("mortar",), "your_scene": ("nonmatching",),
+    "pellet_cladding_plastic": ("inelastic", "nonmatching"), "indentation": ("inelastic", "mortar"),
+}  # fmt: skip
 """Demos of all hypotheses, with bodies that flow, moduli by formulas, and loads of all kinds."""
 
 
-@pytest.mark.parametrize("name", [*HEALTHY, *(pytest.param(name, marks=needs("inelastic")) for name in FLOWING)])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(*plugins)) for name, plugins in DEMOS.items()])
 def test_scenes_of_the_demos_are_fine(name, tmp_path):
     """Neither mistakes nor notes; and their pictures are drawn without a warning."""
     scene = importlib.import_module(name).scene()
@@ -64,6 +64,7 @@ def test_scenes_of_the_demos_are_fine(name, tmp_path):
     assert path.stat().st_size > 10_000
 
 
+@needs("nonmatching")
 def test_the_deck_with_a_set_of_all_nodes_is_fine():
     assert texts(check_scene(your_scene.from_abaqus()), NOTE, MISTAKE) == []
 
@@ -76,6 +77,7 @@ def test_gaps_are_those_of_the_scene(hypothesis):
     assert "gaps from 0.01 to 0.01, facets sag by 0" in said
 
 
+@needs("nonmatching")
 def test_openings_count_at_the_point_that_is_asked_for():
     """The middle of the box without one; points beyond it are refused."""
     scene = your_scene.scene()
@@ -183,6 +185,7 @@ def test_a_body_that_nothing_holds_and_that_touches_another_one():
     assert any(re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text) for text in texts(found, NOTE))
 
 
+@needs("nonmatching")
 def test_idle_parameters_and_names():
     scene = your_scene.scene()
     wider = hhr.ParameterSpace(("travel", "lowered", "heat"), (0.05, 0.0, 0.0), (1.0, 0.3, 1.0))
@@ -192,6 +195,7 @@ def test_idle_parameters_and_names():
     assert "the mesh has surfaces that nothing names: stop_flat" in notes
 
 
+@needs("nonmatching")
 def test_nothing_is_said_twice():
     """A pair is looked at by itself, and with all others."""
     pairs = ("roller_round", "spring_top"), ("spring_bottom", "stop_round")
@@ -221,6 +225,7 @@ def test_depths_of_nodes_inside_another_body(depth):
     assert deepest == pytest.approx(depth, rel=0.05, abs=1e-9)
 
 
+@needs("nonmatching")
 def test_where_there_is_no_mesh_nothing_is_drawn():
     found = check_scene(replace(your_scene.scene(), geometry=hhr.MeshFile("nowhere.msh")))
     assert len(found.mistakes) == len(found.findings) == 1
@@ -239,7 +244,7 @@ def test_loads_are_drawn_as_the_forces_that_they_are():
     assert (up[:, 0] == 0).all() and up[:, 1].min() >= 0 and 0 < up.sum() < 1
 
 
-@needs("volume_loads")
+@needs("nonmatching", "volume_loads")
 def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in space too."""
     scene = your_scene.scene()

@@ -39,7 +39,7 @@ KNOWN = [DenseElimination]
 
 PASS = [
     *((suite.check_pairing, part) for part in (
-        PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE),
+        PUNCH, NODES, FLOOR, *((hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE),) if present("nonmatching") else ()),
         *((hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),) if present("mortar") else ()),
     )),
     *((suite.check_load, part, LOADS) for part in (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from needs import needs
 from scenes import pair_scene, slope
 from shell import AT, DEMO, invoke
 
@@ -50,12 +51,14 @@ def by_calculix(path, count, dim):
     return moved
 
 
+SECOND = needs("second_order")
 KINDS = [("plane_strain", True), ("plane_strain", False), ("axisymmetric", False), ("solid", True), ("solid", False)]
 
 
 # of second order simplices alone: the others have nodes in the middle of faces, which decks have no elements for
 @pytest.mark.parametrize(
-    ("hypothesis", "simplices", "order"), [(*kind, 1) for kind in KINDS] + [(*kind, 2) for kind in KINDS if kind[1]]
+    ("hypothesis", "simplices", "order"),
+    [*((*kind, 1) for kind in KINDS), *(pytest.param(*kind, 2, marks=SECOND) for kind in KINDS if kind[1])],
 )
 def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, order, tmp_path):
     scene = dataclasses.replace(pressed(hypothesis, simplices), order=order)

@@ -286,7 +286,7 @@ def unit_of(tmp_path_factory):
 
 
 @compiled
-@pytest.mark.parametrize("name", UNITS)
+@pytest.mark.parametrize("name", marked(*UNITS))
 def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     """Called as an importer does, by its functions alone; by fmpy below."""
     model, _, path = unit_of(name)
@@ -301,12 +301,12 @@ def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     unit.made.fmi3FreeInstance(unit.at)
 
 
-RUBS = [pytest.param(name, marks=needs("friction")) for name in ("formula and limit", "in space")]
+FEW = [pytest.param(name, marks=needs("friction")) for name in ("formula and limit", "in space")]
 ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 
 
 @compiled
-@pytest.mark.parametrize("name", [*UNITS, *RUBS, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
+@pytest.mark.parametrize("name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
 def test_a_unit_runs_in_fmpy(name, unit_of):
     """Steps are increments, moduli and laws parameters; a step ends with what its inputs were as it began."""
     fmpy = pytest.importorskip("fmpy")
@@ -442,7 +442,7 @@ FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
 
 
 @compiled
-@pytest.mark.parametrize("name", [FLOW, RUBS[0]])
+@pytest.mark.parametrize("name", [FLOW, OF_FRICTION[0]])
 def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
     """Outside of the box, and where a law or a modulus changes on the way; the path stays where it was."""
     model, path = flowing("moduli") if name == "flow" else rubbing_model(name)
@@ -459,7 +459,7 @@ def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
 
 
 @compiled
-@pytest.mark.parametrize("name", RUBS)
+@pytest.mark.parametrize("name", OF_FRICTION)
 def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
     """Inputs, a step, outputs; what does not change on the way is a parameter."""
     model, tour, path = unit_of(name)
@@ -540,7 +540,7 @@ def test_flow_that_c_does_not_know_is_refused_by_name():
 
 
 @compiled
-@pytest.mark.parametrize("name", [FLOW, RUBS[0]])
+@pytest.mark.parametrize("name", [FLOW, OF_FRICTION[0]])
 def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_of, tmp_path):
     """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
     _, path, made = unit_of("outputs" if name == "flow" else name)

@@ -85,6 +85,7 @@ def test_a_cube_tips_over_when_the_force_leaves_its_base():
             full.solve(s)
 
 
+@needs("nonmatching")
 def test_loads_that_only_shear_are_refused_however_small_their_slope():
     top = side(2, 1, True)
     shear, box = hhr.Traction(top, (1e-12, 0), slope("q")), space(p=(0.0, 1.0), q=(0.0, 1e12))
@@ -117,6 +118,7 @@ def test_bodies_between_and_in_corners(name):
         kkt(full, mu)
 
 
+@needs("nonmatching")
 def test_without_loads_nothing_touches():
     """A free body that is heated grows by its expansion, in plane strain."""
     stacked = hhr.FullOrderModel(stack(), MPI.COMM_SELF).solve((0.0, 0.0))
@@ -126,7 +128,7 @@ def test_without_loads_nothing_touches():
     assert np.ptp(heated.displacement().reshape(-1, 2)[:, 0]) == pytest.approx(1e-3 * 1.3, rel=1e-9)
 
 
-@needs("local", "fallback")
+@needs("fallback", "local", "nonmatching")
 @pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
     contacts = {"contacts": (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))} if how == "mortar" else {}
@@ -145,6 +147,7 @@ def test_small_models_of_a_stack(how, tmp_path):
         check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-9, displacement=1e-9)
 
 
+@needs("nonmatching")
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
     """Nodes of a ring beside those of its shaft: turned far, the facets would open every gap."""
@@ -228,6 +231,7 @@ def test_the_worst_of_many_points_is_warned_of(training):
         hhr.build(training.full_order, training.snapshots, recipe, training.held_out)
 
 
+@needs("nonmatching")
 def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
     training = hhr.train(stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0))), hhr.Sobol(6), held_out=0)

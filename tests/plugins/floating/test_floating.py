@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
-from needs import MORTAR, mortar, needs
+from needs import MORTAR, NODE_TO_SURFACE, mortar, needs
 from scenes import block_scene, check_alike, lying, slope, slope_errors, space
 from scipy.optimize import minimize
 
@@ -159,7 +159,7 @@ def ring_on_shaft(pairing):
 
 
 @needs("volume_loads")
-@pytest.mark.parametrize("pairing", [MORTAR, hhr.NodeToSurface])
+@pytest.mark.parametrize("pairing", [MORTAR, NODE_TO_SURFACE])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
     """Free to turn, it would open every gap between facets; of the pressure of 10 mortar passes 9.7 on."""

@@ -134,7 +134,11 @@ PAIRINGS = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=needs("mortar") if name == "mortar" else ()) for name in PAIRINGS]
+    "name",
+    [
+        pytest.param(name, marks={"mortar": needs("mortar"), "node to node": ()}.get(name, needs("nonmatching")))
+        for name in PAIRINGS
+    ],
 )
 def test_all_that_slips_bears_coulomb_whatever_the_pairing(name):
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
@@ -633,6 +637,7 @@ def test_coupling_grows_with_the_coefficient():
     assert model.coupling((0.03, 0.05, 0.0)) == 0.0
 
 
+@needs("nonmatching")
 def test_surfaces_that_slide_far_are_told_of(tmp_path):
     """Cells are .125 wide; an obstacle is the same everywhere, and what is open has not slid."""
     box = {"shear": (-0.4, 0.4)}
@@ -662,6 +667,7 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
     assert answer.slip.path.max() > 0.7
 
 
+@needs("nonmatching")
 def test_cells_of_either_side_say_what_is_far():
     """A coarse slave on fine masters slides over several of these; the other pass of a double one is no neighbour."""
 

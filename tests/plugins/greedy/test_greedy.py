@@ -165,7 +165,7 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
     assert built[6:] == [4]
 
 
-@needs("inelastic", "paths")
+@needs("inelastic", "nonmatching", "paths")
 def test_histories():
     """Paths of a family are chosen by the part of the stress of their worst step that training does not explain."""
     import pellet_cladding_plastic as demo
@@ -197,7 +197,7 @@ def test_what_is_no_greedy_is_refused(word, bad):
         hhr.Greedy(**{word: bad})
 
 
-@needs("inelastic", "paths")
+@needs("inelastic", "nonmatching", "paths")
 def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
     import pellet_cladding_plastic as demo
 

@@ -63,6 +63,7 @@ def dense(problem):
     return stiffness
 
 
+@needs("nonmatching")
 def test_with_all_modes_training_is_reproduced(tubes, pellet):
     """To the misfit of the cubature, and what is solved at all: 1e-8 of forces by the full order."""
     for full, histories in (tubes[:2], (pellet[0], pellet[1][:2])):
@@ -158,6 +159,7 @@ def test_settings_that_leave_nothing_are_refused(given, message):
         CorrectionSettings(**given)
 
 
+@needs("nonmatching")
 def test_too_small_a_model_is_refused_in_words(pellet):
     full, histories = pellet[:2]
     with pytest.raises(UnstableModelError, match=r"the cubature on \d+ points gives a mode .*most_points"):
@@ -169,6 +171,7 @@ def test_too_small_a_model_is_refused_in_words(pellet):
     assert small.offline.modes == 2 and small.offline.comparison is None
 
 
+@needs("nonmatching")
 def test_what_is_no_training_is_refused(tubes, pellet):
     full, histories, _ = tubes
     with pytest.raises(ReductionError, match="no body flows in any training history: train at higher loads"):
@@ -280,6 +283,7 @@ def warned(model, paths):
     return count
 
 
+@needs("nonmatching")
 def test_the_door(pellet):
     """Twenty random paths each: nearly silent inside what was trained, never outside."""
     model, rng = pellet[2], np.random.default_rng(3)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
+from needs import needs
 from scenes import pressed_pair
 from test_flow_moduli import MATERIALS, push
 from toy_law import Bingham
@@ -135,6 +136,7 @@ def derivative_error(model, kinds, constants, seed):
     return np.abs(-newton @ slopes - np.eye(model.modes)).max(), active.sum()
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("which", ["tube", "pellet"])
 def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
     """Several statuses, plasticity and creep; a difference may cross the onset of flow at some point."""
@@ -163,6 +165,7 @@ def test_first_yield_to_round_off_converges(tubes):
             assert len(history.answers) == 3 and history.cuts == 0
 
 
+@needs("nonmatching")
 def test_steps_of_all_sizes_are_solved(pellet):
     """Random legs up, down and held over seven decades of pace, far outside of what was trained."""
     model, rng = pellet[2], np.random.default_rng(1)

@@ -7,6 +7,7 @@ import pytest
 import varied
 from condensing import EVERY, QUIET, TIGHT, apart, condensed
 from dolfinx.mesh import compute_midpoints, meshtags
+from needs import needs
 from scenes import block_scene, pressed_pair, slope
 from test_plastic import axial, bar
 from tubes import YOUNG
@@ -202,6 +203,7 @@ class Own:
         return hhr.Eigenstrain(self.tag, self.amplitude).eigenstrain_of(tag, mesh)
 
 
+@needs("nonmatching")
 def test_a_strain_of_a_users_own_must_have_its_term():
     with pytest.raises(SceneError, match="must have the one term that its assembler's eigenstress gives"):
         hhr.FullOrderModel(varied.scene(loads=[Own(pellet_cladding.PELLET)]))

@@ -8,6 +8,7 @@ import pytest
 import varied
 from bare import python
 from marched import flat
+from needs import needs
 from test_plastic import axial, bar, of_all_functions
 from toy_law import Bingham
 from tubes import YOUNG
@@ -38,6 +39,7 @@ def full():
         return pellet()
 
 
+@needs("nonmatching")
 def test_formulas_of_constants_are_the_constants(full):
     """To the last bit, with and without a parameter."""
     with pytest.warns(SceneWarning) as caught:
@@ -50,6 +52,7 @@ def test_formulas_of_constants_are_the_constants(full):
     assert same(others.march(path()), numbers.march(path()))
 
 
+@needs("nonmatching")
 def test_a_step_has_the_constants_of_its_end(full):
     """Only the last step is weaker: those before are those of the strong body, bit for bit."""
     strong, mixed = path(), [*path()[:-1], path(hardening=600.0)[-1]]
@@ -119,6 +122,7 @@ def test_laws_of_numbers_load_no_formulas():
     python("-c", program)
 
 
+@needs("nonmatching")
 def test_the_whole_basis_gives_the_full_history(full):
     """All functions on all cells, with constants that change along the path: to the tolerance of the solver."""
     weaker = [(time, point - [0, 0, 0, 0, 0, 0, 10.0 * time, 100.0 * time]) for time, point in path()]
@@ -139,6 +143,7 @@ class Undeclared:
         return hhr.Plasticity(self.threshold).flow(trial, plastic_strain, shear, dt)
 
 
+@needs("nonmatching")
 def test_a_law_of_a_users_own_takes_formulas(tmp_path):
     with pytest.warns(SceneWarning, match=r"\('E', 'w', 'H'\)"):
         one, other = (pellet(law("T / 10 + 80")) for law in (Undeclared, hhr.Plasticity))

@@ -9,6 +9,7 @@ import pytest
 from condensing import QUIET, condensed, up
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import needs
 from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, space, whole_domain
 from tubes import POISSON, YOUNG, in_time, tube
 
@@ -234,6 +235,7 @@ def of_all_functions(full, history):
     return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 
+@needs("nonmatching")
 def test_whole_basis_on_the_whole_domain_gives_the_full_history():
     """All functions and all cells: the reduced history is the full one, to the tolerance of the solver."""
     full = hhr.FullOrderModel(
@@ -279,6 +281,7 @@ def test_a_step_too_long_is_cut():
 
 
 # the imposed upper corner may pass the wall, and the mesh with the gap has no use for that parameter
+@needs("nonmatching")
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.SceneWarning")
 def test_two_pairs_one_opening():
     """A gap that opens acts on its own pair, as a mesh with that gap does."""

@@ -10,6 +10,7 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from condensing import walled_tube
+from needs import needs
 from toy_law import Bingham
 from tubes import tube
 
@@ -121,6 +122,7 @@ def pellet():
     }, path
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("name", ["full", "HHR", "condensed"])
 def test_all_models_estimate_and_cut_alike(pellet, name):
     """Few steps are 10 % off, and their estimate says so; a tolerance of a hundredth is kept by each model itself."""
@@ -135,6 +137,7 @@ def test_all_models_estimate_and_cut_alike(pellet, name):
     assert np.array_equal([answer.time for answer in cut.answers], [time for time, _ in path(4)[1:]])
 
 
+@needs("nonmatching")
 def test_finer_tolerances_take_more_parts(pellet):
     models, path = pellet
     exact = models["condensed"].march(path(128, up=128), QUIET)
@@ -152,6 +155,7 @@ def test_laws_without_rates_have_no_time_error():
     assert np.array_equal(plain.answers[-1].stress(), cut.answers[-1].stress())
 
 
+@needs("nonmatching")
 def test_stored_histories_go_on_with_their_parts(pellet, tmp_path):
     """Answers of another tolerance are others; a history that ended goes on as it would have."""
     models, path = pellet
@@ -176,6 +180,7 @@ def test_stored_histories_go_on_with_their_parts(pellet, tmp_path):
     assert stored(asked[0], QUIET)[1] == 0
 
 
+@needs("nonmatching")
 def test_another_model_takes_the_same_parts(pellet):
     """The check of a model compares it in the parts of the full order: time steps are no error of the model."""
     models, path = pellet
@@ -186,6 +191,7 @@ def test_another_model_takes_the_same_parts(pellet):
     assert found.time_error.max() == pytest.approx(exact.time_error.max(), rel=0.05)
 
 
+@needs("nonmatching")
 @pytest.mark.filterwarnings("always::hhr_dolfinx.errors.TimeStepWarning")
 def test_long_steps_are_warned_of_once(pellet):
     models, path = pellet

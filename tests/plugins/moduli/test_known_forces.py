@@ -43,7 +43,7 @@ def shape():
     return condensed(((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False)
 
 
-@pytest.fixture(scope="module", params=["materials", pytest.param("shape", marks=needs("shapes"))])
+@pytest.fixture(scope="module", params=["materials", pytest.param("shape", marks=needs("nonmatching", "shapes"))])
 def model(request):
     return request.getfixturevalue(request.param)
 

@@ -111,7 +111,7 @@ def test_no_error_exceeds_its_bound(varying):
     assert np.median(primal[off] / moved[off]) < 1.2 > np.median(dual[off] / pushed[off])
 
 
-@needs("shapes")
+@needs("nonmatching", "shapes")
 def test_shapes_have_estimates(shaped):
     """Nothing is proved of an interpolation between shapes, and so it is not called a bound.
 
@@ -209,6 +209,7 @@ def test_modes_that_take_too_much_leave_a_factor_of_the_point(monkeypatch):
     assert exact.dual == usual.dual and exact.pressure <= usual.pressure * (1 + 1e-12)
 
 
+@needs("nonmatching")
 def test_conditions_that_depend_on_each_other_on_a_body():
     """Twelve nodes in front of two cells: S of the coarse body is singular, and S of both is not."""
     meshes = {"first": ((1.0, 0.0), (2.0, 1.0), (12, 4)), "second": ((1.0, 1.0), (2.0, 2.0), (2, 3))}
@@ -267,6 +268,7 @@ def test_outputs_of_forces_have_derivatives(varying):
     assert np.abs(off * sizes).max() < 1e-5 * abs(found["force"])
 
 
+@needs("nonmatching")
 def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
     """Young's modulus of the roller alone varies: nothing is interpolated, though S of the spring is soft (1e-7)."""
     scene = your_scene.scene()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from needs import cases_of
 from scenes import check_alike, largest_difference, pressed_pair, slope_errors, whole_domain
 
 import hhr_dolfinx as hhr
@@ -17,7 +18,7 @@ POINT = np.array([0.03, 0.01, 0.05, 0.002, 2.3, 0.35, 3.0])
 MESHES = {"plane_strain": {"cells": 5}, "axisymmetric": {"cells": 4, "matching": False}}
 
 
-@pytest.fixture(scope="module", params=sorted(MESHES))
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def training(request):
     """A matching pair, and one whose gaps are interpolated."""
     scene = pressed_pair(request.param, BODIES, MATERIALS, **MESHES[request.param])

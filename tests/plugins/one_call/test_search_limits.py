@@ -239,7 +239,7 @@ def test_the_command_leaves_the_table_too(monkeypatch, tmp_path):
     assert len(kept(tmp_path / "out")["tried"]) == 2
 
 
-@needs("shapes")
+@needs("nonmatching", "shapes")
 def test_what_geometry_forbids_is_tried_once():
     """A block that a parameter moves along the other one, until some of its nodes have nothing below them."""
     side = two_blocks.side

@@ -170,7 +170,7 @@ def marked(*names):
     marks = {name: [needs("moduli")] for name in OF_MODULI}
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
-    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")]}
+    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")], "held by contact": [needs("nonmatching")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
@@ -252,6 +252,7 @@ def loose():
     )
 
 
+@needs("nonmatching")
 @in_node
 def test_derivatives_of_what_contact_does_not_hold():
     """What no contact holds moves as little as it may."""
@@ -605,7 +606,8 @@ def check_increment(found, answer, largest):
     np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
 
 
-OF_FRICTION = [pytest.param(name, marks=needs("moduli") if name == "moduli" else ()) for name in RUBBING]
+NEEDED_BY = {"moduli": ("moduli",), "slave nodes": ("nonmatching",)}
+OF_FRICTION = [pytest.param(name, marks=needs(*NEEDED_BY.get(name, ()))) for name in RUBBING]
 
 
 @needs("friction")

@@ -177,7 +177,7 @@ def test_times_that_do_not_increase():
         lost.path(9e3)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_the_families_of_the_pellet():
     """The loading is the path of the demo to the last bit, and what is combined holds the others."""
     found = families()
@@ -242,7 +242,7 @@ def test_what_is_no_list_of_paths_or_has_no_names():
             hhr.train(block(), given)
 
 
-@needs("inelastic")
+@needs("inelastic", "nonmatching")
 def test_the_lines_of_the_documentation():
     text = (Path(__file__).parents[3] / "docs/flow.md").read_text()
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "PathFamily" in block)

@@ -261,6 +261,7 @@ def found(tmp_path_factory):
     return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_do_not_change_the_answer(found, ranks):
     """Round-off only: 1e-10, since the factorisations order their sums differently."""
@@ -274,6 +275,7 @@ def test_ranks_do_not_change_the_answer(found, ranks):
             assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_have_the_same_stiffness(found, ranks):
     """Where some have no nearly incompressible cell; round-off times 5000 in the answers."""
@@ -284,6 +286,7 @@ def test_ranks_have_the_same_stiffness(found, ranks):
         assert np.abs(np.subtract(parallel[name], value)).max() < tolerance * np.abs(value).max(), name
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_no_rank_holds_the_rows_of_another(found, ranks):
     """Entries of all ranks add up to those on one, and none has much more than its part; asked for, all are there."""
@@ -297,6 +300,7 @@ def test_no_rank_holds_the_rows_of_another(found, ranks):
     assert mine["whole"] == [[True, ranks == 1, ranks == 1]] * ranks
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     said = found[ranks]["said"]
@@ -322,6 +326,7 @@ def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     assert "differences of its flow give 1.21e-05" in told
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_what_ranks_share_is_given_back_and_kept(found, ranks):
     """PETSc keeps what several ranks have until all let go of it by name, and with it the array it writes into."""
@@ -330,7 +335,7 @@ def test_what_ranks_share_is_given_back_and_kept(found, ranks):
         assert change < 1e-12 and times == 3
 
 
-@needs("moduli")
+@needs("moduli", "nonmatching")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_training_together_has_bounds_and_says_so(found, ranks):
     assert found[ranks]["bounded"] == 1.0

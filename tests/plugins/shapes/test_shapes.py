@@ -8,7 +8,7 @@ import pytest
 import scenes
 from bare import SCENE_FOLDERS
 from launched import launch
-from needs import needs
+from needs import cases_of, needs
 from scenes import (
     check_alike,
     check_contact_conditions,
@@ -50,7 +50,7 @@ def check_like(answer, other, tolerance=BY_RULE):
         assert largest_difference(getattr(answer, name)(), getattr(other, name)()) < tolerance, name
 
 
-@pytest.fixture(scope="module", params=sorted(MESHES))
+@pytest.fixture(scope="module", params=cases_of(MESHES))
 def pair(request):
     """Two blocks, the lower one with a crown and a height, and matching nodes or not."""
     scene = pressed_pair(request.param, BODIES, SPACE, shapes=(CROWNED,), **MESHES[request.param])
@@ -102,6 +102,7 @@ def training():
     return hhr.train(scene, hhr.Sobol(32), held_out=8)
 
 
+@needs("nonmatching")
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
     check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2)
@@ -158,6 +159,7 @@ def wedge(normal):
     return pressed_pair("plane_strain", bodies, space, cells=4, matching=False, shapes=shapes, contacts=contacts)
 
 
+@needs("nonmatching")
 def test_a_contact_surface_that_turns_takes_its_normals_along():
     model = hhr.FullOrderModel(wedge(None))
     for slope in (-0.2, 0.13):
@@ -234,6 +236,7 @@ def test_bodies_that_share_nodes_move_alike():
             made(shapes)
 
 
+@needs("nonmatching")
 def test_surfaces_that_stop_facing_each_other_are_told():
     """The upper block slides off as a shape: nodes without a facet, elsewhere than in the middle."""
     shapes, bodies = (hhr.Shape(2, ("x + off", "y")),), ((2.0, 0.3), (4.0, 0.25))

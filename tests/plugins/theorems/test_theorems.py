@@ -8,7 +8,7 @@ import numpy as np
 import pellet_cladding as pellet_demo
 import pytest
 import thesis_bounds
-from needs import present
+from needs import needs, present
 from scenes import pressed_pair
 from scipy import linalg
 from scipy.sparse import diags
@@ -300,6 +300,7 @@ def test_constants_that_are_none_are_refused(hertz, hertz_reduction):
         assert sides.left == pytest.approx(sharp[name].left) and sides.right >= sharp[name].right * (1 - 1e-9)
 
 
+@needs("nonmatching")
 def test_contact_on_the_interface_fails_h2():
     """Gaps read between nodes: theorem 8 asks that lifts close none."""
     full = hhr.FullOrderModel(pressed_pair("plane_strain", BODIES, matching=False, cells=6))

@@ -1,4 +1,4 @@
-"""Node-to-surface contact on non-matching meshes, thesis section 5.1, in one pass or two."""
+"""Node-to-surface contact on non-matching meshes, thesis section 5.1."""
 
 from __future__ import annotations
 
@@ -7,42 +7,37 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import linalg
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
-from hhr_dolfinx.contact.rows import ContactRows, joined
-from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.facing import BEYOND, opposed
-from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
+from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.errors import NeverFacingError
 from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
-    FACING,
     GRAZING,
     Surface,
-    beyond_overlap,
     check_facing,
     mean_normal,
-    never_facing,
     nodal_rows,
     tangential_order,
     unit,
     warn,
-    warn_beyond_edge,
     warn_of_overlap,
+)
+from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.plugins.nonmatching.facing import BEYOND, FACING, opposed
+from hhr_dolfinx.plugins.nonmatching.messages import (
+    beyond_overlap,
+    never_facing,
+    warn_beyond_edge,
     warn_of_sag,
     warn_of_tilt,
 )
-from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.plugins.nonmatching.projection import ClosestPoints, closest_points, project
 
-DEPENDENT = 1e-8
-"""Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
 LAYERS = 1e-4
 """Fraction of their height that projected surfaces keep, so that the nearest of several layers is found."""
 FINER = 0.5
 """Size of slave facets over that of the master above which node-to-surface is inaccurate on cells of second order."""
-POOR_INF_SUP = 0.02
-"""Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
 
 
 class _Partners(NamedTuple):
@@ -104,7 +99,7 @@ class NodeToSurface:
             kept, closest, normals, areas = _closest(slave, master, overlap)
         else:
             kept, closest, normals, areas = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes, weights = master.displaced(closest.facets, closest.weights)
+        nodes, weights = _displaced(master, closest.facets, closest.weights)
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
@@ -114,62 +109,6 @@ class NodeToSurface:
         gap = np.einsum("md,md->m", master_points - points, normals[order])
         rows = ContactRows(matrix, gap, slave.nodes[order], points, areas[order])
         return rows, closest.facets[order], closest.weights[order]
-
-
-@dataclass(frozen=True)
-class DoublePass:
-    """Node-to-surface contact both ways, without redundant conditions (section 5.1).
-
-    Two passes can over-constrain: both give the same row for nodes that face each other, and other rows may be
-    dependent (El-Abbasi and Bathe 2001). Rows of the second pass in the span of the rows before them are dropped, so
-    that B has full rank. A warning reports an inf-sup constant that is still poor.
-
-    Attributes:
-        first: facet tag of one surface; all of its conditions are kept.
-        second: facet tag of the other.
-        normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
-    """
-
-    first: Tag
-    second: Tag
-    normal: tuple[float, ...] | None = None
-    friction: Any = field(default=None, metadata=LAW)
-    law: PairLaw | None = field(default=None, metadata=LAW)
-
-    @property
-    def tags(self) -> tuple[Tag, ...]:
-        """Both surfaces."""
-        return (self.first, self.second)
-
-    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Rows of both passes without duplicates."""
-        first, second = surfaces
-        back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
-        passes = []
-        refusals = []
-        for pairing, pair in (
-            (NodeToSurface(self.first, self.second, self.normal), (first, second)),
-            (NodeToSurface(self.second, self.first, back), (second, first)),
-        ):
-            try:
-                passes.append(pairing.rows(pair, dofs))
-            except SceneError as refusal:  # a coarse surface may have no node in front of a small one
-                refusals.append(refusal)
-        if not passes:
-            raise refusals[0]
-        if refusals:
-            warn(f"only one pass of surfaces {self.tags} has conditions; of the other: {refusals[0]}")
-            return passes[0]
-        one, two = passes
-        kept, beta = _independent(one.matrix, two.matrix)
-        if beta < POOR_INF_SUP:
-            warn(
-                f"the double pass of surfaces {self.tags} has an inf-sup constant of {beta:.1e} relative to its norm: "
-                "pressures will oscillate. Use Mortar, or NodeToSurface with the finer surface as slave"
-            )
-        return joined([one, two.take(kept)])
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:
@@ -184,6 +123,17 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
             f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the slave is not far "
             "finer: node to surface has pressures wrong at single nodes, by as much as they are. Take Mortar"
         )
+
+
+def _displaced(surface: Surface, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the functions of the displacement, and their values, (m, K) each, at points of facets, (m, k).
+
+    On facets of second order these functions are not those of the flat parts on which the points were found.
+    """
+    if surface.quadratic is None:
+        return surface.facets[facets], weights
+    whole, values = surface.quadratic.functions(facets, weights)
+    return surface.quadratic.nodes[whole], values
 
 
 def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
@@ -225,17 +175,3 @@ def _kept(slave: Surface, master: Surface, lost: np.ndarray, beyond: np.ndarray)
         raise NeverFacingError(never_facing(slave, master, "no slave node lies in front of a master facet"))
     warn_beyond_edge(slave, master, beyond, ": swap slave and master, or tag only what can touch")
     return np.flatnonzero(~lost)
-
-
-def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
-    """Rows of the second pass that add conditions, and the inf-sup constant of all rows over the norm of B."""
-    columns = np.union1d(one.indices, two.indices)
-    first = one[:, columns].toarray()
-    second = two[:, columns].toarray()
-    basis, _ = linalg.qr(first.T, mode="economic")
-    rest = second - (second @ basis) @ basis.T
-    _, triangle, order = linalg.qr(rest.T, mode="economic", pivoting=True)
-    size = np.abs(np.diag(triangle))
-    kept = np.sort(order[: int((size > DEPENDENT * np.linalg.norm(second, axis=1).max()).sum())])
-    values = linalg.svdvals(np.vstack([first, second[kept]]))
-    return kept, float(values[-1] / values[0])

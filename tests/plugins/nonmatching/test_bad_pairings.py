@@ -7,31 +7,28 @@ from contextlib import nullcontext
 import contact_patch_test as patch
 import numpy as np
 import pytest
-from dolfinx import mesh as dmesh
 from needs import MORTAR, needs
 from scenes import check_contact_conditions, pair_scene, slope
-from test_pairings import concentric_arcs, shrink_fit
-from test_pairings_independent import chain, make
+from surfaces import chain, make
+from test_pairings import outsides, shrink_fit
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 
 
-def built(pairing=hhr.NodeToSurface, **changes):
-    """The model of two blocks that lie on each other, with other parts."""
-    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), **changes))
+def with_contact(pairing, *given):
+    """The model of two blocks that lie on each other, with another pair."""
+    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), contacts=(pairing(*given),)))
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("by_normal", [True, False])
 def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
     """Both bodies' undersides, and blocks that stand beside each other."""
-    scene = patch.scene(pairing, by_normal=by_normal)
     tags = (two_blocks.side(2, 1, False), two_blocks.side(1, 1, False))
-    backs = pairing(*tags, (0.0, -1.0) if by_normal else None)
     with pytest.raises(SceneError, match=r"face each other.*\[0\.5"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(backs,)))
+        with_contact(pairing, *tags, (0.0, -1.0) if by_normal else None)
     with pytest.raises(SceneError, match=r"never face each other.*\[[0-9.]+, 1\.0\]"):
         hhr.FullOrderModel(patch.scene(pairing, by_normal=by_normal, shift=2.5))
 
@@ -54,25 +51,6 @@ def test_one_slave_node_is_a_scene():
     check_contact_conditions(full_order.problem, solution.displacement(), solution.forces(), [0.05, 0.0])
 
 
-@pytest.mark.parametrize(
-    ("broken", "message"),
-    [
-        (0.0, r"facets of contact surface 220 have no area, e\.g\. at \["),
-        (np.nan, "2 cells of the mesh have coordinates that are not finite"),
-    ],
-)
-def test_facets_without_area(broken, message):
-    def collapse(points, body):
-        points = points.copy()
-        at = (body == 2) & np.isclose(points[:, 1], 1.0) & np.isclose(points[:, 0], 0.2)
-        points[at, 0] = broken
-        return points
-
-    boxes = {"first": ((0.0, 0.0), (1.0, 1.0), (3, 3)), "second": ((0.0, 1.0), (1.0, 2.0), (5, 4))}
-    with pytest.raises(SceneError, match=message):
-        built(geometry=lambda comm: two_blocks.two_blocks(comm, **boxes, warp=collapse))
-
-
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_an_overlap_larger_than_a_cell_is_named(pairing):
     with pytest.warns(PairingWarning, match=r"overlap at surface 210 exceeds a cell.*\(0\.4\) at \[1\.[56]"):
@@ -85,17 +63,9 @@ def test_normals_tags_and_multipliers_that_are_none(pairing):
     tags = patch.scene(pairing).contacts[0].tags
     for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)):
         with pytest.raises(SceneError, match="must be a non-zero vector of length 2"):
-            built(contacts=(pairing(*tags, normal),))
-    with pytest.raises(SceneError, match=r"facet tags \[99\] are not in the mesh"):
-        built(contacts=(pairing(99, 121),))
+            with_contact(pairing, *tags, normal)
     with pytest.raises(SceneError, match="multipliers 'triple' are unknown, one of dual, standard"):
         hhr.Mortar(1, 2, multipliers="triple")
-
-
-def test_a_double_pass_that_says_everything_twice_keeps_one():
-    """Rows of the second pass on matching meshes are those of the first: left out, not refused."""
-    problem = hhr.FullOrderModel(patch.scene(hhr.DoublePass, (6, 3), (6, 3))).problem
-    assert problem.contact.shape[0] == 7
 
 
 def test_a_double_pass_with_poor_inf_sup_warns():
@@ -112,21 +82,14 @@ def strips(pairing, cells, gap):
 
     corners = [((0.0,) * up + (low,), (1.0,) * up + (low + 0.02,)) for low in (0.0, 0.02 + gap)]
     boxes = [(*pair, count) for pair, count in zip(corners, (cells, finer), strict=True)]
-
-    def geometry(comm):
-        mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
-        values = sides.values.copy()
-        for body in (1, 2):
-            values[np.isin(values, [two_blocks.side(body, up, upper) for upper in (False, True)])] = body
-        return mesh, bodies, dmesh.meshtags(mesh, up, sides.indices, values)
-
-    ends = [two_blocks.side(body, 0, upper) for body in (1, 2) for upper in (False, True)]
+    kept = [two_blocks.side(body, axis, upper) for axis in range(up) for body in (1, 2) for upper in (False, True)]
+    ends = kept[:4]
     return pair_scene(
         "strips",
         {"p": (0.0, 1.0)},
         *boxes,
         ((1e5, 0.3),) * 2,
-        geometry=geometry,
+        geometry=outsides(*boxes, kept),
         hypothesis="plane_strain" if dim == 2 else "solid",
         contacts=(pairing(2, 1),),
         displacements=tuple(hhr.Displacement(tag, axis) for tag in ends for axis in range(dim)),
@@ -149,10 +112,8 @@ def test_back_sides_never_meet(pairing, cells, gap):
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_back_sides_alone_are_refused(pairing):
     """The outer sides of two blocks that touch, which lie two heights behind each other; cells are 1/3 and 1/4 high."""
-    scene = patch.scene(pairing, by_normal=False)
-    tags = [patch.geometry.outer_end(body, 2) for body in (2, 1)]
     with pytest.raises(SceneError, match=r"never face each other: one lies behind the other by up to 2, .*Opening"):
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(pairing(*tags),)))
+        with_contact(pairing, *(patch.geometry.outer_end(body, 2) for body in (2, 1)))
 
 
 @needs("mortar")
@@ -190,14 +151,15 @@ def rings(pairing, counts, interference):
     def bend(points, _):
         return np.column_stack([points[:, 1] * np.cos(points[:, 0]), points[:, 1] * np.sin(points[:, 0])])
 
-    shapes = {
-        "first": ((0, 0.5), (np.pi / 2, 1.0), (counts[0], 6)),
-        "second": ((0, 1.0 - interference), (np.pi / 2, 1.6), (counts[1], 6)),
-    }
     ends = [(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)]
-    return dataclasses.replace(
-        concentric_arcs(pairing, 8),
-        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes, warp=bend),
+    return pair_scene(
+        "rings",
+        {"p": (0.0, 1.0)},
+        ((0, 0.5), (np.pi / 2, 1.0), (counts[0], 6)),
+        ((0, 1.0 - interference), (np.pi / 2, 1.6), (counts[1], 6)),
+        ((1.0, 0.3),) * 2,
+        warp=bend,
+        contacts=(pairing(two_blocks.side(2, 1, False), two_blocks.side(1, 1, True)),),
         displacements=tuple(hhr.Displacement(*end) for end in ends),
         loads=(hhr.Pressure(two_blocks.side(2, 1, True), slope("p", 1e-9)),),
     )

@@ -10,41 +10,18 @@ import itertools
 import numpy as np
 import pytest
 from needs import needs
+from scenes import check_closed, pair_scene
 from scipy.integrate import quad
-from test_nonmatching import check_closed
+from surfaces import chain, make
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, ReductionError, SceneError
-from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries.sphere_on_block import BLOCK_TOP, SPHERE_BOTTOM, sphere_on_block
-from hhr_dolfinx.geometries.two_blocks import side, two_blocks
-from hhr_dolfinx.pairings.projection import closest_points
-from hhr_dolfinx.pairings.surface import make_surface
+from hhr_dolfinx.geometries.two_blocks import side
+from hhr_dolfinx.plugins.nonmatching.projection import closest_points
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.warn import ignored
 
 UP2, UP3 = (0.0, 1.0), (0.0, 0.0, 1.0)
-
-
-def make(tag, points, facets, inner, weights=None):
-    weights = np.ones(len(points)) if weights is None else weights
-    corners, k = points[facets], facets.shape[1]
-    if k == 2:
-        sizes = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-    elif k == 3:
-        sizes = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    else:
-        sizes = np.linalg.norm(np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]), axis=1) / 2
-    areas = np.zeros(len(points))
-    for j in range(k):  # in the plane the weight is linear along each facet, in space it is 1
-        own = weights[facets[:, j]]
-        mean = (own + weights[facets].sum(axis=1)) / 3 if k == 2 else own
-        np.add.at(areas, facets[:, j], sizes / k * mean)
-    return make_surface(tag, facets, np.broadcast_to(inner, points[facets].mean(axis=1).shape), points, weights, areas)
-
-
-def chain(n, first=0):
-    return np.column_stack([np.arange(n - 1), np.arange(1, n)]) + first
 
 
 def lines(slave, master, up=(0.0, 1.0), weight=None):
@@ -128,21 +105,6 @@ def nearest(x, corners):
     return best
 
 
-def scene(geometry, pairing, dim, hypothesis=None, held=()):
-    return hhr.Scene(
-        name="independent", geometry=geometry, hypothesis=hypothesis or ("solid" if dim == 3 else "plane_strain"),
-        bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)), contacts=(pairing,),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
-        displacements=tuple(hhr.Displacement(tag, axis) for tag, axis in held),
-    )  # fmt: skip
-
-
-def problem_of(what):
-    with ignored(Warning):
-        model = Discretisation(what)
-        return model.contact_problem((model.own_rows(model.assemble_stiffness()),))
-
-
 ARC = np.column_stack([np.cos(np.linspace(0, np.pi, 15)), np.sin(np.linspace(0, np.pi, 15))])
 
 
@@ -205,20 +167,13 @@ def test_rays_and_rigid_motion(triangles):
             np.testing.assert_allclose(rows.matrix @ np.tile(t, len(points)), 0, atol=1e-12)
 
 
-def test_symmetry_axis_keeps_its_condition():
+def test_symmetry_planes_keep_their_conditions():
     x = np.linspace(0, 1, 9)
-    slave, master, points = lines(np.column_stack([x, 0 * x]), np.column_stack([x, 0.1 + x**2 / 2]))
-    rows = rows_of(hhr.NodeToSurface(1, 2), slave, master, points)
-    assert rows.points[:, 0].min() == 0
-
-
-def test_sphere_as_master_keeps_the_symmetry_planes():
-    what = scene(
-        lambda comm: sphere_on_block(comm, gap=0.001, sphere_cells=(8, 3), block_cells=(6, 2)),
-        hhr.NodeToSurface(BLOCK_TOP, SPHERE_BOTTOM), 3,
-    )  # fmt: skip
-    problem = problem_of(what)
-    assert np.linalg.norm(problem.contact_points, axis=1).min() < 1e-12
+    in_plane = lines(np.column_stack([x, 0 * x]), np.column_stack([x, 0.1 + x**2 / 2]))
+    in_space = sheets(grid(6, 2, 0.0), grid(8, 3, lambda x, y: 0.1 + (x**2 + y**2) / 2))
+    for surfaces in (in_plane, in_space):
+        rows = rows_of(hhr.NodeToSurface(1, 2), *surfaces)
+        assert np.linalg.norm(rows.points, axis=1).min() < 1e-12
 
 
 def test_nearest_layer_is_hit():
@@ -237,14 +192,12 @@ def l_shaped_slave():
     return make(1, points, chain(9), np.array([0.5, -0.5])), make(2, points, chain(9, 9), np.array([0.5, 1])), points
 
 
-def test_sides_of_the_slave_do_not_face_the_master():
-    rows = rows_of(hhr.NodeToSurface(1, 2, UP2), *l_shaped_slave())
+@pytest.mark.parametrize("name", ["NodeToSurface", pytest.param("Mortar", marks=needs("mortar"))])
+def test_sides_of_the_slave_do_not_face_the_master(name):
+    """A mortar takes its normal at the corner from the side that does."""
+    pairing = hhr.Mortar(1, 2) if name == "Mortar" else hhr.NodeToSurface(1, 2, UP2)
+    rows = rows_of(pairing, *l_shaped_slave())
     assert rows.points[:, 1].min() == 0  # those on the side have y < 0
-
-
-@needs("mortar")
-def test_mortar_normal_at_a_corner_of_the_slave():
-    rows = rows_of(hhr.Mortar(1, 2), *l_shaped_slave())
     np.testing.assert_allclose(rows.gap, 0.1, atol=1e-12)
 
 
@@ -302,10 +255,8 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
         angle, shift = (0.0, 0.7) if axisymmetric else (rng.uniform(0, 6), 0.0)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         xs = np.sort(np.append(rng.uniform(0.05, 0.95, rng.integers(1, 5)), [0, 1])) + shift
-        xm = (
-            np.sort(np.append(rng.uniform(0.3, 0.7, rng.integers(1, 20)), rng.uniform([-0.3, 0.75], [0.25, 1.3])))
-            + shift
-        )
+        inner = rng.uniform(0.3, 0.7, rng.integers(1, 20))
+        xm = np.sort(np.append(inner, rng.uniform([-0.3, 0.75], [0.25, 1.3]))) + shift
         ys, ym = 0.1 * np.sin(3 * xs), 0.3 + 0.05 * np.cos(5 * xm)
         weight = (lambda p: 2 * np.pi * p[:, 0]) if axisymmetric else None
         slave, master, points = lines(
@@ -369,6 +320,12 @@ def facet_loads(points, facets):
     return out
 
 
+def check_one_slave(rows, slaves):
+    """Each row touches one of the slave nodes, which are the first ones."""
+    touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, :slaves] > 0
+    assert (touched.sum(axis=1) == 1).all()
+
+
 @needs("mortar")
 @pytest.mark.parametrize("multipliers", ["dual", "standard"])
 @pytest.mark.parametrize("triangles, jitter", [(True, 0.0), (True, 0.3), (False, 0.0), (False, 0.25)])
@@ -389,17 +346,14 @@ def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
         np.testing.assert_allclose(force[:, :2], 0, atol=1e-12)
         np.testing.assert_allclose(rows.matrix @ np.tile(rng.normal(size=3), len(points)), 0, atol=1e-11)
         if multipliers == "dual":
-            touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, : len(a[0])] > 0
-            assert (touched.sum(axis=1) == 1).all()
+            check_one_slave(rows, len(a[0]))
 
 
 @needs("mortar")
 @pytest.mark.parametrize("part", [0.5, 0.01])
 def test_dual_rows_touch_one_slave_on_hardly_covered_facets(part):
     a, b = grid(3, 3, 0.0), grid(4, 4, 0.1, (0, 0), (2 / 3 + part / 3,) * 2)
-    rows = rows_of(hhr.Mortar(1, 2), *sheets(a, b))
-    touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, :16] > 0
-    assert (touched.sum(axis=1) == 1).all()
+    check_one_slave(rows_of(hhr.Mortar(1, 2), *sheets(a, b)), 16)
 
 
 def stack_of_thin_plates():
@@ -421,24 +375,6 @@ def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
         rows_of(hhr.Mortar(1, 2, UP2), *stack_of_thin_plates())
 
 
-def inner_facets(comm):
-    from dolfinx import mesh as dmesh
-
-    mesh = dmesh.create_unit_square(comm, 4, 4, dmesh.CellType.quadrilateral)
-    mesh.topology.create_connectivity(1, 2)
-    cells = np.arange(16, dtype=np.int32)
-    middles = dmesh.compute_midpoints(mesh, 2, cells)
-    facets = np.sort(dmesh.locate_entities(mesh, 1, lambda x: np.isclose(x[1], 0.5)))
-    tags = dmesh.meshtags(mesh, 2, cells, np.where(middles[:, 1] > 0.5, 2, 1).astype(np.int32))
-    return mesh, tags, dmesh.meshtags(mesh, 1, facets, np.full(len(facets), 7, dtype=np.int32))
-
-
-def test_facets_inside_the_mesh_are_refused():
-    with pytest.raises(SceneError):
-        problem_of(scene(inner_facets, hhr.Obstacle(7, UP2, 2.0), 2))
-
-
-# ------------------------------------------------------------------------------------------------------ RID
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(
     "kind", ["slave 1", "slave 2", *(pytest.param(k, marks=needs("mortar")) for k in ("dual", "standard")), "double"]
@@ -452,13 +388,15 @@ def test_reduced_domains_are_closed(dim, kind):
         "double": lambda: hhr.DoublePass(one, two),
     }[kind]()  # fmt: skip
     first, second = ((14, 8), (9, 6)) if dim == 2 else ((5, 5, 3), (4, 4, 3))
-    low, high = (0.0,) * dim, (1.0,) * dim
     base, top = (-0.1,) * (dim - 1) + (1.1,), (1.1,) * (dim - 1) + (2.1,)
-    held = [(side(1, dim - 1, False), i) for i in range(dim)] + [(side(2, dim - 1, True), i) for i in range(dim)]
-    problem = problem_of(
-        scene(lambda comm: two_blocks(comm, first=(low, high, first), second=(base, top, second), simplices=dim == 2),
-              pairing, dim, held=(*held, (side(1, 0, False), 0)))
+    ends = [(side(1, dim - 1, False), i) for i in range(dim)] + [(side(2, dim - 1, True), i) for i in range(dim)]
+    scene = pair_scene(
+        "closed", {"p": (0.0, 1.0)}, ((0.0,) * dim, (1.0,) * dim, first), (base, top, second), ((1.0, 0.3),) * 2,
+        simplices=dim == 2, hypothesis="plane_strain" if dim == 2 else "solid", contacts=(pairing,),
+        displacements=tuple(hhr.Displacement(*end) for end in (*ends, (side(1, 0, False), 0))),
     )  # fmt: skip
+    with ignored(Warning):
+        problem = hhr.FullOrderModel(scene).problem
     at_contact = np.unique(problem.contact.nonzero()[1] // dim)
     basis = rng.normal(size=(problem.free.size, 3)) * problem.free[:, None]
     for layers in (0, 1, 2):

@@ -15,15 +15,18 @@ section 5; A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Compu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags, identity
 
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.pairings.projection import shape_functions
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.pairings.surface import Surface, shape_functions, warn
 
 CORNERS = {3: 2, 6: 3, 9: 4}
 """Corners of a facet by its number of nodes."""
@@ -40,6 +43,12 @@ PLACES = {
     9: np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]], dtype=float),
 }
 """Reference coordinates of the nodes."""
+STRAIGHT = 1e-6
+"""Angle between the flat parts of a facet of second order below which its sides are straight."""
+CURVED = 1e-4
+"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
+ALIKE = 0.1
+"""Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
 POINTS = 5
 """Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of degree 7 at most if
 facets are flat."""
@@ -83,6 +92,86 @@ class QuadraticFacets:
         found.eliminate_zeros()
         return csr_matrix(found)
 
+    def sag_shares(self, outward: np.ndarray) -> np.ndarray:
+        """Deviation of flat parts from the smooth surface over that of flat facets with their normals, (f, dim): (f,).
+
+        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Curved
+        sides are parabolas, which deviate from an arc by the square of the angle between the parts.
+        """
+        parts = outward.reshape(-1, self.parts, outward.shape[1])
+        cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
+        angles = np.repeat(np.arccos(np.clip(cosines, -1.0, 1.0)), self.parts)
+        return np.where(angles < STRAIGHT, 4.0, angles**2)
+
+    def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
+        """Average conditions of single nodes of the slave surface of these facets.
+
+        Nodes beyond the edge of a master have no condition. A facet that lies there in part contributes the flat parts
+        with conditions at all nodes, as facets of first order.
+        """
+        place = np.full(len(surface.nodes), -1)
+        place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
+        integrals = self.integrals(surface.points, surface.weights, place >= 0)
+        nodes = np.flatnonzero(np.diff(integrals.indptr))
+        if not nodes.size:
+            raise SceneError(
+                f"no part of a facet of slave surface {surface.tag} lies in front of its master with all of its nodes: "
+                "mesh it finer"
+            )
+        nodes = nodes[np.argsort(place[nodes])]
+        normals = np.zeros_like(surface.points)
+        own = rows.matrix.tocoo()
+        at_slave = own.col // surface.points.shape[1] == rows.slaves[own.row]
+        slaves = np.searchsorted(surface.nodes, rows.slaves)
+        normals[slaves[own.row[at_slave]], own.col[at_slave] % surface.points.shape[1]] = own.data[at_slave]
+        shared = self.shared(surface, normals, nodes)
+        tested = csr_matrix(shared @ integrals)
+        nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
+        mixed = tested[nodes].tocoo()
+        areas = np.bincount(mixed.row, mixed.data, nodes.size)
+        shape = nodes.size, rows.gap.size
+        means = csr_matrix((mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape)
+        matrix = csr_matrix(means @ rows.matrix)
+        return ContactRows(matrix, means @ rows.gap, surface.nodes[nodes], surface.points[nodes], areas)
+
+    def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
+        """Matrix that shares the functions psi_j of nodes with imposed displacements among their neighbours, (n, n).
+
+        With one function for each node conditions would be dependent if some displacements are imposed, as at the end
+        of a mortar surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
+        """
+        count = len(surface.nodes)
+        held = np.zeros(count, dtype=bool)
+        if surface.free is not None:
+            held[nodes] = ~(np.abs(normals) * surface.free > 0).any(axis=1)[nodes]
+        if not held.any() or held[nodes].all():
+            return identity(count, format="csr")
+        moving = np.zeros(count)
+        moving[nodes] = ~held[nodes]
+        k = surface.facets.shape[1]
+        places = np.repeat(surface.facets, k, axis=1).ravel(), np.tile(surface.facets, k).ravel()
+        beside = csr_matrix((np.ones(surface.facets.size * k), places), shape=(count, count))
+        beside.data[:] = 1.0
+        towards = diags(moving) @ beside @ diags(held.astype(float))
+        share = np.asarray(towards.sum(axis=0)).ravel()
+        return csr_matrix(diags(moving) + towards @ diags(1 / np.where(share > 0, share, 1.0)))
+
+    @staticmethod
+    def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
+        """Warn of a curved surface with straight sides; sags of surfaces curved alike cancel in the gap."""
+        sags = [_straight_sag(surface) for surface in surfaces]
+        place = int(np.abs(sags).argmax())
+        worst = surfaces[place]
+        largest = abs(sags[place])
+        if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
+            return
+        warn(
+            f"displacements are of second order and the sides of surface {worst.tag} are straight, though it is "
+            f"curved: between corners its gap is that of chords, {largest:.2g} off on average, and pressures alternate "
+            "from node to node. Mesh it with cells of second order, whose sides are curved (gmsh: setOrder(2)), or "
+            "take displacements of first order, Scene(order=1)"
+        )
+
 
 def _integrated(
     points: np.ndarray, weights: np.ndarray, nodes: np.ndarray, part: tuple[int, ...], *, linearly: bool
@@ -102,6 +191,22 @@ def _integrated(
     columns = np.tile(trials, len(part))
     shape = len(points), len(points)
     return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _straight_sag(surface: Surface) -> float:
+    """Mean height of the curved surface above its flat parts if sides of second order are straight; else 0."""
+    if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
+        return 0.0
+    count, k = surface.facets.shape
+    bulges = surface.bulges(np.arange(count), np.full((count, k), 1 / k))
+    return float(bulges @ surface.sizes / surface.sizes.sum())
+
+
+def parted(facet_nodes: np.ndarray, inner_points: np.ndarray) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
+    """Flat parts of facets, (F, K), with a point behind each, and the facets."""
+    flat = flat_parts(facet_nodes)
+    quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
+    return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:

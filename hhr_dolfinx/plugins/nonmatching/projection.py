@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.pairings.surface import shape_functions
+
 ROUND_OFF = 1e-9
 """Fraction of the size of the surfaces by which bounding boxes are enlarged."""
 EQUAL = 1e-12
@@ -93,21 +95,6 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         weights[nearer] = on_side[nearer]
         best[nearer] = distance[nearer]
     return weights
-
-
-def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or tensor-ordered square, (m, 2)."""
-    x, y = local.T
-    one = np.ones_like(x)
-    if k == 3:
-        values = np.stack([one - x - y, x, y], axis=1)
-        slopes = np.broadcast_to([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]], (len(x), 3, 2))
-    else:
-        values = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)
-        along_x = np.stack([y - 1, 1 - y, -y, y], axis=1)
-        along_y = np.stack([x - 1, -x, 1 - x, x], axis=1)
-        slopes = np.stack([along_x, along_y], axis=2)
-    return values, slopes
 
 
 def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

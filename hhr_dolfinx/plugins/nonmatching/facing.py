@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from hhr_dolfinx.pairings.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
-from hhr_dolfinx.pairings.sides import looking, sides_of
-from hhr_dolfinx.pairings.surface import FACING, Surface, normalised
+from hhr_dolfinx.pairings.sides import looking
+from hhr_dolfinx.pairings.surface import Surface, normalised
+from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
 
+FACING = 0.1
+"""Cosine between two directions found from the meshes below which surfaces do not face each other."""
 AT_ONCE = 2_000_000
 """Pairs of a node and a facet in one batch: 16 MB for each array, a few times that for sides."""
 BEYOND = 1e-6
@@ -51,7 +53,7 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
         facing = looking(slave, normals, FACING)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
     # a back side lies behind its partner by the thickness of both bodies, and no body is thinner than a cell
-    deepest = np.maximum(slave.node_depths(), master.depths[closest.facets]) * (1 - ROUND_OFF)
+    deepest = np.maximum(_node_depths(slave), master.depths[closest.facets]) * (1 - ROUND_OFF)
     behind = depth > deepest + overlap
     beyond = _beyond(master, closest)
     overhanging = facing & ~behind & beyond
@@ -59,6 +61,13 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
     deeper = depth[others] > FACING * np.linalg.norm(closest.offsets[others], axis=1)
     overhanging[others[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
+
+
+def _node_depths(surface: Surface) -> np.ndarray:
+    """Smallest depth of the facets at each node, (n,)."""
+    smallest = np.full(len(surface.nodes), np.inf)
+    np.minimum.at(smallest, surface.facets, surface.depths[:, None])
+    return smallest
 
 
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
@@ -81,7 +90,7 @@ def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
 
 def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints) -> ClosestPoints:
     """Closest points for some nodes, (l,), on facets that look against one of their sides; unchanged without any."""
-    sides, of_node = sides_of(slave, nodes)
+    sides, of_node = _sides_of(slave, nodes)
     middles = master.corners.mean(axis=1)
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
     found = ClosestPoints(*(part.copy() for part in closest))
@@ -105,3 +114,15 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
         for part, nearer in zip(found, nearest, strict=True):
             part[some[having]] = nearer
     return found
+
+
+def _sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among (l,), sorted, (s,)."""
+    place = np.full(len(surface.nodes), -1)
+    place[nodes] = np.arange(nodes.size)
+    of_corner = place[surface.facets].ravel()
+    own = of_corner >= 0
+    normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
+    # all facets of one side have the same corner normal
+    _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
+    return normals[first], of_corner[own][first]
