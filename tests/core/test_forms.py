@@ -35,8 +35,7 @@ def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplic
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]
     operator = strain_operator(built)
-    elastic = material_at(scene, built.cell_bodies(), operator).elastic
-    stiffness = operator.stiffness(elastic, operator.pattern())
+    stiffness = operator.stiffness(material_at(scene, built.cell_bodies(), operator).elastic, operator.pattern())
     u, v = ufl.TrialFunction(built.space), ufl.TestFunction(built.space)
     dx = ufl.dx(domain=built.mesh, metadata={"quadrature_degree": built.gauss_degree})
     form = elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx)
@@ -52,11 +51,11 @@ def pressed_together(hypothesis, multipliers):
     slave, master = two_blocks.side(two_blocks.SECOND, 0, False), two_blocks.side(two_blocks.FIRST, 0, True)
     held = [two_blocks.side(two_blocks.FIRST, 0, False), two_blocks.side(two_blocks.SECOND, 0, True)]
     along = [hhr.Displacement(tag, 1) for tag in held]
-    boxes = ((1.0, 0.0), (2.0, 1.0), (2, 3)), ((2.1, 0.0), (3.0, 1.0), (2, 5))
     return pair_scene(
         "pressed_together",
         {"push": (0.0, 0.2)},
-        *boxes,
+        ((1.0, 0.0), (2.0, 1.0), (2, 3)),
+        ((2.1, 0.0), (3.0, 1.0), (2, 5)),
         ((3.0, 0.3), (2.0, 0.2)),
         hypothesis=hypothesis,
         contacts=(hhr.Mortar(slave, master, multipliers=multipliers),),
@@ -75,8 +74,7 @@ def test_slave_rows_of_mortar_are_the_assembled_coupling(hypothesis, multipliers
     rule = {"quadrature_rule": "vertex", "quadrature_degree": 1} if multipliers == "dual" else {"quadrature_degree": 4}
     _, _, tags = scene.geometry(MPI.COMM_SELF)
     measure = ufl.Measure("ds", domain=built.mesh, subdomain_data=tags, metadata=rule)(scene.contacts[0].slave)
-    scalars = fem.functionspace(built.mesh, ("Lagrange", 1))
-    u, psi = ufl.TrialFunction(built.space), ufl.TestFunction(scalars)
+    u, psi = ufl.TrialFunction(built.space), ufl.TestFunction(fem.functionspace(built.mesh, ("Lagrange", 1)))
     matrix = petsc.assemble_matrix(fem.form(contact.coupling(u, psi, hypothesis, measure)))
     matrix.assemble()
     area = petsc.assemble_vector(fem.form(contact.tributary_area(ufl.TestFunction(built.space), hypothesis, measure)))
@@ -134,14 +132,3 @@ def test_new_parameters_compile_nothing(none_compiled):
     hhr.mesh_error(full, full.solve(points[0]))
     none_compiled()
     assert 0 < hhr.mesh_error(full, full.solve(points[1])).energy < 1
-
-
-def test_constants_of_a_form_are_the_numbers():
-    """K of a body with numbers is that of the same body with formulas, which is assembled by parts; round-off."""
-    bodies = (1.7, 0.31), (2.0, 0.25)
-    numbers = hhr.FullOrderModel(pressed_pair("plane_stress", bodies, cells=2))
-    formulas = hhr.FullOrderModel(pressed_pair("plane_stress", (("E", 0.31), bodies[1]), {"E": (1.0, 3.0)}, cells=2))
-    point = formulas.parameters.middle
-    point[formulas.parameters.names.index("E")] = 1.7
-    exact = formulas.problem.at(point).stiffness
-    assert largest_difference(numbers.problem.stiffness.toarray(), exact.toarray()) <= 1e-13

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import present
-from scenes import pressed_block
+from scenes import pressed_block, with_bodies
 from test_registry import Entry
 
 import hhr_dolfinx as hhr
@@ -109,8 +109,7 @@ def registered(monkeypatch):
 
 
 def scene():
-    given = pressed_block("plane_strain", cells=3)
-    return replace(given, bodies=tuple(replace(body, law=Ages()) for body in given.bodies))
+    return with_bodies(pressed_block("plane_strain", cells=3), law=Ages())
 
 
 def test_a_law_that_no_plug_in_reads_is_refused(registered):
@@ -135,11 +134,9 @@ def test_its_plug_in_says_what_scenes_may_hold(registered):
 
 def test_laws_of_two_plug_ins_make_no_scene(registered):
     registered(ageing(), registry.Plugin("other", materials=("other",), facets={"scene": f"{__name__}:SCENES"}))
-    others = type("Others", (), {"other": lambda self: None})()
-    given = scene()
-    bodies = (*given.bodies, hhr.Body("another", 1.0, 0.3, others))
+    given, others = scene(), type("Others", (), {"other": lambda self: None})()
     with pytest.raises(SceneError, match=r"laws of bodies of several plug-ins, \['ageing', 'other'\]"):
-        replace(given, bodies=bodies)
+        replace(given, bodies=(*given.bodies, hhr.Body("another", 1.0, 0.3, others)))
 
 
 def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):

@@ -189,7 +189,10 @@ def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_trained):
     def marched(mu, outside="warn"):
         return model.march([(0.0, [0.3]), (1.0, [mu])], hhr.MarchSettings(outside=outside))
 
-    for answering in (model.solve, marched):
+    def tabulated(mu, outside="warn"):
+        return model.solve_many([[0.3], [mu]], outside=outside)
+
+    for answering in (model.solve, marched, tabulated):
         with pytest.warns(OutsideTrainingWarning, match=r"mu = 0\.44 \(trained 0\.19 to 0\.41\)"):
             answering(0.44)
         with pytest.raises(OutsideTrainingError, match="Train there"):
