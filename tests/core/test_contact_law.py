@@ -10,6 +10,7 @@ from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
 from scenes import block_scene, slope, space
+from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
@@ -120,23 +121,13 @@ def fields(full, path):
     hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1])
 
 
-def study(full, path):
-    hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path)
-
-
-def deck(full, path):
-    from hhr_dolfinx.plugins.exporters.deck import write_deck
-
-    write_deck(path / "a.inp", full.discretisation, np.array([0.01]))
-
-
 REFUSING = [
     (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full), hhr.Recipe()), "not built in"),
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
-    pytest.param(study, "remember their path", marks=needs("studies")),
+    pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")),
 ]
 

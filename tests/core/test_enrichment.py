@@ -27,6 +27,11 @@ def few_modes(hertz, hertz_snapshots):
     return basis, sets
 
 
+@pytest.fixture(scope="module")
+def enriched(hertz, few_modes):
+    return enrich(hertz.problem, *few_modes, kappa_max=5.0)
+
+
 def kappa(problem, basis, sets):
     return np.linalg.cond((problem.contact @ basis)[sets.A_lambda])
 
@@ -36,9 +41,8 @@ def functions_of(problem, conditions):
     return np.eye(problem.free.size)[:, 2 * problem.contact_slaves[conditions] + 1]
 
 
-def test_rank_first_then_kappa(hertz, few_modes):
+def test_rank_first_then_kappa(hertz, few_modes, enriched):
     basis, sets = few_modes
-    enriched = enrich(hertz.problem, basis, sets, kappa_max=5.0)
     missing = len(sets.A_lambda) - basis.shape[1]
     assert all(math.isinf(value) for value in enriched.kappas[:missing])
     finite = enriched.kappas[missing:]
@@ -46,35 +50,31 @@ def test_rank_first_then_kappa(hertz, few_modes):
     assert kappa(hertz.problem, enriched.basis, sets) == pytest.approx(finite[-1], rel=1e-8)
 
 
-def test_span_is_that_of_modes_and_contact_functions(hertz, few_modes):
-    basis, sets = few_modes
-    enriched = enrich(hertz.problem, basis, sets, kappa_max=5.0)
+def test_span_is_that_of_modes_and_contact_functions(hertz, few_modes, enriched):
+    basis, _ = few_modes
     assert enriched.basis.T @ enriched.basis == pytest.approx(np.eye(enriched.basis.shape[1]), abs=1e-12)
     for columns in (basis, functions_of(hertz.problem, enriched.added)):
         assert enriched.basis @ (enriched.basis.T @ columns) == pytest.approx(columns, abs=1e-12)
     assert enriched.basis.shape[1] == basis.shape[1] + len(enriched.added)
 
 
-def test_each_choice_is_the_best_one(hertz, few_modes):
+def test_each_choice_is_the_best_one(hertz, few_modes, enriched):
     """Greedy against brute force: no other single function would have given a smaller kappa."""
     basis, sets = few_modes
-    path = enrich(hertz.problem, basis, sets, kappa_max=5.0)
-    before = enrich(hertz.problem, basis, sets, kappa_max=path.kappas[-2] * (1 + 1e-9))
+    before = enrich(hertz.problem, basis, sets, kappa_max=enriched.kappas[-2] * (1 + 1e-9))
     others = []
     for function in functions_of(hertz.problem, np.setdiff1d(sets.A_lambda, before.added)).T:
         together, _ = np.linalg.qr(np.column_stack([before.basis, function]))
         others.append(kappa(hertz.problem, together, sets))
-    assert path.kappas[-1] == pytest.approx(min(others), rel=1e-6)
+    assert enriched.kappas[-1] == pytest.approx(min(others), rel=1e-6)
 
 
-def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes):
+def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes, enriched):
     """Of all functions that are left the one whose image lies farthest outside of the range of B~, by least squares."""
     basis, sets = few_modes
-    path = enrich(hertz.problem, basis, sets, kappa_max=5.0)
-    missing = sum(map(math.isinf, path.kappas))
-    rows = hertz.problem.contact[sets.A_lambda]
+    missing, rows = sum(map(math.isinf, enriched.kappas)), hertz.problem.contact[sets.A_lambda]
     left = list(sets.A_lambda)
-    for condition in path.added[:missing]:
+    for condition in enriched.added[:missing]:
         reached, chosen = rows @ basis, left.index(condition)
         functions = functions_of(hertz.problem, left).T
         columns = [np.linalg.qr(np.column_stack([basis, function]))[0][:, -1] for function in functions]
@@ -86,18 +86,17 @@ def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes):
     assert missing > 5 and np.linalg.matrix_rank(rows @ basis) == len(sets.A_lambda)
 
 
-def test_choices_know_no_units(hertz, few_modes):
+def test_choices_know_no_units(hertz, few_modes, enriched):
     """Rows of mortar contact are as small as areas in square metres."""
-    basis, sets = few_modes
     small = dataclasses.replace(hertz.problem, contact=1e-9 * hertz.problem.contact)
-    one, other = (enrich(problem, basis, sets, kappa_max=5.0) for problem in (hertz.problem, small))
-    assert one.added.tolist() == other.added.tolist() and one.kappas[-1] == pytest.approx(other.kappas[-1], rel=1e-9)
+    other = enrich(small, *few_modes, kappa_max=5.0)
+    assert enriched.added.tolist() == other.added.tolist()
+    assert enriched.kappas[-1] == pytest.approx(other.kappas[-1], rel=1e-9)
 
 
 def test_everything_added_or_a_stall_is_said(hertz, few_modes):
-    basis, sets = few_modes
-    enriched = enrich(hertz.problem, basis, sets, kappa_max=1.0)
-    assert enriched.stalled or len(enriched.added) == len(sets.A_lambda)
+    found = enrich(hertz.problem, *few_modes, kappa_max=1.0)
+    assert found.stalled or len(found.added) == len(few_modes[1].A_lambda)
 
 
 def test_good_basis_is_left_alone(hertz, hertz_reduction):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import block_scene, slope, space
+from scenes import block_scene, pair_scene, slope, space
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
@@ -34,20 +34,17 @@ def ring(comm):
 def twisted(*fields, **others) -> hhr.Scene:
     """The inner ring, clamped at one end and moved at the other."""
     end = side(FIRST, 2, True)
-    return hhr.Scene(**{
-        "name": "twisted",
+    given = {
         "geometry": ring,
         "hypothesis": "solid",
-        "bodies": (hhr.Body(FIRST, YOUNG, 0.3), hhr.Body(SECOND, YOUNG, 0.3)),
         "contacts": (hhr.NodeToNode(side(FIRST, 0, True), side(SECOND, 0, False), (1.0, 0.0, 0.0)),),
         "displacements": (
             *hhr.Displacement.clamp(side(FIRST, 2, False), 3), hhr.Displacement(end, 2),
             *(hhr.Displacement(end, axis, slope("turn"), field) for axis, field in enumerate(fields)),
             *hhr.Displacement.clamp(side(SECOND, 2, False), 3),
         ),
-        "parameters": space(turn=(0.0, 0.01)),
-        **others,
-    })  # fmt: skip
+    }  # fmt: skip
+    return pair_scene("twisted", {"turn": (0.0, 0.01)}, None, None, ((YOUNG, 0.3), (YOUNG, 0.3)), **given | others)
 
 
 def test_a_ring_that_is_turned_bears_the_torque_of_its_section():

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,21 +30,13 @@ class Ages:
         """By this method it is known."""
 
 
-class Known:
-    """Facet ``scene``."""
-
-    def check_body(self, body):
-        if body.grading is not None:
-            raise SceneError(f"body {body.tag} ages, and is graded: not built in")
-
-    def check_scene(self, scene):
-        """All of them."""
-
-    def parameters_of(self, law):
-        return set()
+def check_body(body):
+    if body.grading is not None:
+        raise SceneError(f"body {body.tag} ages, and is graded: not built in")
 
 
-SCENES = Known()
+SCENES = SimpleNamespace(check_body=check_body, check_scene=lambda scene: None, parameters_of=lambda law: set())
+"""Facet ``scene``."""
 
 
 class Bodies:

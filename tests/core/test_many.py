@@ -21,10 +21,9 @@ def training(request):
 
 
 def models(training):
-    known = training.snapshots.known_statuses()
     yield training.build()
     for field in (False, True):
-        yield hhr.exact_condensation(training.full_order, known, field=field)
+        yield hhr.exact_condensation(training.full_order, training.snapshots.known_statuses(), field=field)
 
 
 def test_many_are_those_one_by_one(training):

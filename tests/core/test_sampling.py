@@ -45,9 +45,8 @@ def test_corners_come_first_and_beside_the_count(kind):
     assert points.shape == (13, 3)
     assert {tuple(row) for row in unit(points[:8]).round(12)} == {tuple(row) for row in np.ndindex(2, 2, 2)}
     assert np.array_equal(points[8:], kind(5).points(SPACE))
-    ten = hhr.ParameterSpace(tuple("abcdefghij"), (0.0,) * 10, (1.0,) * 10)
+    ten, eleven = (hhr.ParameterSpace(tuple("abcdefghijk")[:n], (0.0,) * n, (1.0,) * n) for n in (10, 11))
     assert len(kind(3, corners=True).points(ten)) == 1027
-    eleven = hhr.ParameterSpace(tuple("abcdefghijk"), (0.0,) * 11, (1.0,) * 11)
     assert kind(3).points(eleven).shape == (3, 11)
     with pytest.raises(ParameterError, match="a box of 11 parameters has too many corners: leave them out"):
         kind(3, corners=True).points(eleven)
@@ -74,25 +73,18 @@ def test_training_takes_them():
 BOX = hhr.ParameterSpace(("a", "b"), (0.0, -2.0), (1.0, 3.0))
 
 
-def curved(point):
-    return np.array([np.exp(2 * point[0]) + point[1], np.sin(point[0]) * point[1]])
-
-
-def slopes(point):
-    return np.array([[2 * np.exp(2 * point[0]), 1.0], [np.cos(point[0]) * point[1], np.sin(point[0])]])
-
-
 @pytest.mark.parametrize("point", [(0.0, -2.0), (1.0, 3.0), (0.5, 0.0), (0.0, 3.0), (5e-4, 2.999)])
 def test_differences_are_of_second_order_up_to_the_ends(point):
     """The error falls with the square of the step, in the middle, at the ends and nearer to them than a step."""
-    point = np.array(point)
+    a, b = point
+    slopes = [[2 * np.exp(2 * a), 1.0], [np.cos(a) * b, np.sin(a)]]
     inside = []
 
     def value(moved):
         inside.append(((moved >= BOX.lower) & (moved <= BOX.upper)).all())
-        return curved(moved)
+        return np.array([np.exp(2 * moved[0]) + moved[1], np.sin(moved[0]) * moved[1]])
 
-    coarse, fine = (np.abs(BOX.differences(value, point, part) - slopes(point)).max() for part in (4e-3, 1e-3))
+    coarse, fine = (np.abs(BOX.differences(value, np.array(point), part) - slopes).max() for part in (4e-3, 1e-3))
     assert all(inside)
     # sixteen for the square; 12 leaves room for the next term, 4 is the first order
     assert fine <= coarse / 12 and fine <= 2e-5

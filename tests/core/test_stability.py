@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import hertz_half_discs as demo
 import numpy as np
 import pytest
 from scenes import THESIS
@@ -66,8 +67,6 @@ def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
 
 def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     """beta scales with sqrt(1/E) in the energy norm; in the Euclidean norm it does not depend on E."""
-    import hertz_half_discs as demo
-
     scene = demo.scene()
     bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
     stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
@@ -107,6 +106,5 @@ def test_every_constant_refuses_or_warns(hertz_reduction, name, value, ends, sai
 
 def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots):
     """One more layer brings in 9 contact nodes for 8 modes; without enrichment the model is refused."""
-    recipe = hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1), enrichment=None)
     with pytest.raises(NotSolvableError, match=r"1\.67"):
-        hhr.build(hertz, hertz_snapshots, recipe)
+        hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1), enrichment=None))
