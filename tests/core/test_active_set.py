@@ -52,14 +52,11 @@ def test_solves_every_positive_definite_problem(size, seed, skew):
     assert np.abs(slack * found.forces).max() <= 1e-9 * scale * (1 + found.forces.max())
 
 
-CYCLIC = [[1, 2, 0], [0, 1, 2], [2, 0, 1]]
-"""A P-matrix on which Alg. 1.1 cycles (Ben Gharbia and Gilbert, Math. Program. 134, 2012)."""
-
-
 @pytest.mark.parametrize("start", [(True, False, False), (False, True, True), (False, False, False)])
 def test_cycling_is_detected_and_ended(start):
+    """On a P-matrix on which Alg. 1.1 cycles (Ben Gharbia and Gilbert, Math. Program. 134, 2012)."""
     given = np.array(start)
-    found = solve(CYCLIC, [-1, -1, -1], given)
+    found = solve([[1, 2, 0], [0, 1, 2], [2, 0, 1]], [-1, -1, -1], given)
     assert found.status is Status.CONVERGED and found.forces == pytest.approx([1 / 3] * 3)
     assert given.tolist() == list(start), "a start is not modified"
     assert found.cycled or start != (True, False, False), "the plain rule cycles there"

@@ -23,7 +23,6 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 
 POINT = {"travel": 0.9, "lowered": 0.0}
 MESH = meshio.read(your_scene.MESH)
-BODIES = "spring", "roller", "stop"
 LINES = {name: tag for name, (tag, dim) in MESH.field_data.items() if dim == 1}
 
 
@@ -111,7 +110,7 @@ def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
         k: [faces[frozenset(side)] for block, own in marked for side in block.data[own == tag].tolist()]
         for k, tag in enumerate(LINES.values(), start=10)
     }
-    names = dict(zip((*blocks, *sides), (*BODIES, *LINES), strict=True))
+    names = dict(zip((*blocks, *sides), ("spring", "roller", "stop", *LINES), strict=True))
     answers_alike(write_exodus(tmp_path / "mesh.e", MESH.points[:, :2], blocks, sides, names), exact)
 
 

@@ -50,24 +50,13 @@ def flip(content, dice):
         content[dice.choice([dice.choice(places), dice.randrange(len(content))])] ^= 1 << dice.randrange(8)
 
 
-def truncate(content, dice):
-    del content[dice.randrange(len(content)) :]
-
-
-def cut_a_piece(content, dice):
-    start = dice.randrange(len(content))
-    del content[start : start + dice.randrange(1, 200)]
-
-
-def insert(content, dice):
-    start = dice.randrange(len(content))
-    content[start:start] = dice.randbytes(dice.randrange(1, 200))
-
-
-def overwrite(content, dice):
-    start = dice.randrange(len(content))
-    piece = content[start : start + dice.randrange(1, 2000)]
-    content[start : start + len(piece)] = dice.choice([b"\0", b"\xff", b"("]) * len(piece)
+def splice(content, dice):
+    """Cut off the end or a piece, put bytes in, or write over a piece."""
+    start, size = dice.randrange(len(content)), dice.randrange(1, 200)
+    same = min(dice.randrange(1, 2000), len(content) - start)
+    written = dice.choice([b"\0", b"\xff", b"("]) * same
+    cut, new = dice.choice([(len(content), b""), (size, b""), (0, dice.randbytes(size)), (same, written)])
+    content[start : start + cut] = new
 
 
 def set_field(content, dice):
@@ -99,7 +88,7 @@ def describe(content, dice):
     content[found.start() : found.end()] = dice.choice(texts).ljust(room)[:room] + b"\n"
 
 
-BYTES = [flip, flip, flip, truncate, cut_a_piece, insert, overwrite, set_field, encrypt, describe]
+BYTES = [*[flip] * 3, *[splice] * 4, set_field, encrypt, describe]
 
 
 def other_header(header, dice):

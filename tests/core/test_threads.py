@@ -58,17 +58,17 @@ def reduced(pellet):
     return hhr.build(full_order, snapshots, hhr.Recipe().as_it_is())
 
 
-def twin(model):
-    """A model of the same arrays, with factors of its own."""
-    return hhr.ReducedModel(model.problem, model.parameters, model.fields, model.trained, known=model.known)
-
-
 def test_models_are_shared(pellet, reduced):
-    """The full one, of whose points there are fewer, exact condensation, and reduced ones: one, and twins of it."""
+    """The full one, of whose points there are fewer, exact condensation, and reduced ones: one, and twins of it.
+
+    Twins have the same arrays, and factors of their own.
+    """
     full_order, snapshots, points = pellet
     condensed = exact_condensation(full_order, snapshots.known_statuses())
     check_threads([full_order] * THREADS, points[:50])
-    for models in ([condensed] * THREADS, [reduced] * THREADS, [twin(reduced) for _ in range(THREADS)]):
+    arrays = reduced.problem, reduced.parameters, reduced.fields, reduced.trained
+    twins = [hhr.ReducedModel(*arrays, known=reduced.known) for _ in range(THREADS)]
+    for models in ([condensed] * THREADS, [reduced] * THREADS, twins):
         check_threads(models, points)
     assert not pickle.loads(pickle.dumps(reduced)).known.active.flags.writeable
 

@@ -1,13 +1,21 @@
-"""The clock, and what it tells a logger of a long run."""
+"""The clock, and what it tells a logger of a long run; warnings that a block ignores or collects.
+
+A block takes those of its own thread alone, and they are heard again where they are repeated.
+"""
 
 import logging
+import threading
+import warnings
 
 import pytest
 from bare import python
 from scenes import pressed_block
+from threads import at_once
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import PairingWarning, SceneWarning
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.warn import collected, ignored, repeat, warn
 
 
 def test_a_build_tells_its_stages(caplog):
@@ -47,3 +55,50 @@ def test_a_stage_that_fails_is_timed_and_its_seconds_add_up():
         with pytest.raises(ValueError, match="no"), log.stage("rid"):
             raise ValueError("no")
     assert log.times.keys() == {"rid"} and log.times["rid"] > 0
+
+
+def test_collected_warnings_are_silent_until_they_are_repeated():
+    with warnings.catch_warnings(action="error"):
+        with collected(SceneWarning) as found:
+            warn("of a scene", SceneWarning)
+            with pytest.raises(PairingWarning, match="of a pair"):
+                warn("of a pair", PairingWarning)
+    (item,) = found
+    assert item.category is SceneWarning and item.filename == __file__
+    with pytest.warns(SceneWarning, match="of a scene") as heard:
+        repeat(found)
+    assert (heard[0].filename, heard[0].lineno) == (item.filename, item.lineno)
+
+
+def test_what_is_repeated_is_taken_by_the_block_around():
+    with collected() as outer:
+        with collected() as inner:
+            warn("once", SceneWarning)
+        assert not outer
+        repeat(inner)
+    assert outer == inner
+
+
+def test_ignored_are_some_classes_and_sentences():
+    with warnings.catch_warnings(action="error"):
+        with ignored(SceneWarning, about="effect"):
+            warn("has no effect", SceneWarning)
+            with pytest.raises(SceneWarning):
+                warn("is odd", SceneWarning)
+
+
+def test_a_block_is_of_its_own_thread():
+    inside, outside = threading.Barrier(2), threading.Barrier(2)
+
+    def quiet():
+        with ignored(Warning):
+            inside.wait(timeout=20)
+            outside.wait(timeout=20)
+
+    def loud():
+        inside.wait(timeout=20)
+        with pytest.warns(SceneWarning):
+            warn("is heard", SceneWarning)
+        outside.wait(timeout=20)
+
+    at_once([quiet, loud])

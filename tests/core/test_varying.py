@@ -63,6 +63,7 @@ def test_at_a_point_it_is_the_plain_scene_with_these_numbers(pair):
     assert largest_difference(problem.stiffness.toarray(), plain.problem.stiffness.toarray()) < 1e-13
     check_contact_conditions(problem, expected.displacement(), expected.forces(), vector(pair))
     assert not problem.varies and problem.at(POINT) is problem
+    assert pair.system.bodies is plain.system.bodies is None  # neither is taken for scaled bodies
     assert largest_difference(problem.external.toarray(), plain.problem.external.toarray()) < 1e-13
 
 
@@ -228,17 +229,6 @@ def test_a_body_that_only_contact_holds():
         plain = hhr.FullOrderModel(lying(young=700.0, tilt=0.2))
     assert varying.system.bodies is not None and varying.problem.held_by_contact
     scenes.check_like(varying.solve([4.0, 700.0]), plain.solve(4.0), displacement=1e-10, forces=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("bodies", "box"),
-    [
-        ((("E1", "nu"), ("E2", 0.3)), {"E1": (1.0, 2.0), "E2": (1.0, 2.0), "nu": (0.1, 0.4)}),
-        (((3.0, 0.3), (4.0, 0.3)), {}),
-    ],
-)
-def test_what_varies_otherwise_is_not_taken_for_scaled(bodies, box):
-    assert hhr.FullOrderModel(pressed_pair("plane_strain", bodies, box, cells=2)).system.bodies is None
 
 
 def test_parts_of_schur_add_up(scaled):
