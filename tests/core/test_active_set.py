@@ -71,8 +71,7 @@ def test_no_solution_is_said_not_answered():
 @pytest.mark.parametrize("size", [2, 3, 5])
 def test_the_same_row_twice_is_a_status(size):
     """One row after another could bear the force, or all of them: no answer is the answer."""
-    schur = np.ones((size, size)) + np.diag([0.0, 0.0, *[1.0] * (size - 2)])
-    found = solve(schur, -np.ones(size))
+    found = solve(np.ones((size, size)) + np.diag([0.0, 0.0, *[1.0] * (size - 2)]), -np.ones(size))
     assert found.status is Status.SINGULAR and "1.67" in found.status.value
     # what comes back may serve as a start: the statuses asked with, not the set that was singular
     start = np.array([True, False])

@@ -10,7 +10,7 @@ import pytest
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from needs import needs
-from scenes import pressed_block, slope, with_bodies
+from scenes import pressed_block, slope, space, with_bodies
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
@@ -140,8 +140,9 @@ def test_facets_that_no_cell_has():
 
 def test_a_mesh_on_another_communicator():
     own = dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF))
-    message = r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
-    with pytest.raises(SceneError, match=message):
+    with pytest.raises(
+        SceneError, match=r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
+    ):
         build_geometry(own, SimpleNamespace(size=2, comm=MPI.COMM_SELF))
 
 
@@ -268,11 +269,11 @@ def test_imposed_nodes_that_penetrate():
 
 
 def test_parameters_without_effect():
-    space = hhr.ParameterSpace(("push", "idle", "zero"), (0.0,) * 3, (0.1,) * 3)
-    zero = hhr.Pressure(block.side(0, True), hhr.Amplitude(1.0, {"zero": 0.0}))
-    message = r"parameters \('idle', 'zero'\) of scene 'pressed_plane_strain' have no effect"
-    with pytest.warns(SceneWarning, match=message):
-        hhr.FullOrderModel(changed(parameters=space, loads=(zero,)))
+    box, zero = space(push=(0.0, 0.1), idle=(0.0, 0.1), zero=(0.0, 0.1)), hhr.Amplitude(1.0, {"zero": 0.0})
+    with pytest.warns(
+        SceneWarning, match=r"parameters \('idle', 'zero'\) of scene 'pressed_plane_strain' have no effect"
+    ):
+        hhr.FullOrderModel(changed(parameters=box, loads=(hhr.Pressure(block.side(0, True), zero),)))
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """A law of interfaces of a user's own: right where its facet is, refused by name everywhere else."""
 
 import dataclasses
+from functools import cache
 from itertools import pairwise
 
 import my_contact_law
@@ -56,13 +57,11 @@ def pressures(path):
 
 @pytest.fixture
 def wear(monkeypatch):
-    every, kept = {**registry.installed(), "my_contact_law": PLUGIN}, (registry.facet, registry.memories)
+    every = {**registry.installed(), "my_contact_law": PLUGIN}
     monkeypatch.setattr(registry, "installed", lambda: every)
-    for cached in kept:
-        cached.cache_clear()
-    yield Wear(CONSTANT)
-    for cached in kept:
-        cached.cache_clear()
+    for name in ("facet", "memories"):
+        monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
+    return Wear(CONSTANT)
 
 
 @pytest.fixture

@@ -97,15 +97,14 @@ def shearing(*fields, gap=0.5) -> hhr.Scene:
 
 def test_a_linear_field_goes_on_inside():
     """A patch test: what is imposed on three sides is linear, and without stress on the fourth, so all of it is."""
-    fields = ("y", "x")  # pure shear, whose traction on the lower side is imposed by none: antisymmetric part is a turn
-    turn = ("-y", "x")
+    turn = ("-y", "x")  # pure shear, ("y", "x"), has a traction on the lower side, which none imposes
     full = hhr.FullOrderModel(shearing(turn, turn, turn), MPI.COMM_SELF)
     points = full.problem.points
     expected = 0.1 * np.column_stack([-points[:, 1], points[:, 0]])
     np.testing.assert_allclose(full.solve(0.1).displacement().reshape(-1, 2), expected, atol=1e-14)
     # values that differ where sides meet are refused, those that are equal there are not
     with pytest.raises(SceneError, match="impose different values on one node"):
-        hhr.FullOrderModel(shearing(turn, fields, turn), MPI.COMM_SELF)
+        hhr.FullOrderModel(shearing(turn, ("y", "x"), turn), MPI.COMM_SELF)
 
 
 @needs("shapes")

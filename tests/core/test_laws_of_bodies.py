@@ -2,6 +2,7 @@
 
 import importlib.metadata
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +20,6 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.study.training.train import Training
-
-CACHES = (registry.installed, registry.memories, registry.asked_of_answers, registry.facet)
 
 
 class Ages:
@@ -92,13 +91,10 @@ def years(answer):
 def registered(monkeypatch):
     def found(*plugins):
         monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [Entry(item) for item in plugins])
-        for cache in CACHES:
-            cache.cache_clear()
+        for name in ("installed", "memories", "asked_of_answers", "facet"):
+            monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
 
-    yield found
-    monkeypatch.undo()
-    for cache in CACHES:
-        cache.cache_clear()
+    return found
 
 
 def scene():

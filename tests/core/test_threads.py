@@ -94,8 +94,7 @@ def test_histories_on_one_model(kind, search, steps, small_flow):
     """The tangents of one history are not solved with the factors of another."""
     model, settings = small_flow[kind], hhr.MarchSettings(search, iterations=300, outside="ignore")
     jobs = [lambda gap=gap: history_bits(model, gap, steps, settings) for gap in (5.0, 8.0, 10.0, 12.0)]
-    expected = [job() for job in jobs]
-    assert at_once(jobs) == expected
+    assert [job() for job in jobs] == at_once(jobs)
 
 
 @needs("inelastic")
@@ -281,8 +280,7 @@ def test_gradients_of_one_full_model_with_friction(varying_friction):
         parts = [(a.multipliers, a.gradient.multipliers, a.gradient.unknown) for a in answers]
         return [part.tobytes() for step in parts for part in step]
 
-    expected = [job(k) for k in range(THREADS)]
-    assert at_once([lambda k=k: job(k) for k in range(THREADS)]) == expected
+    assert [job(k) for k in range(THREADS)] == at_once([lambda k=k: job(k) for k in range(THREADS)])
 
 
 # ---------------------------------------------------------------- stiffness as a value, and the store of factors

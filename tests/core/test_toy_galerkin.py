@@ -244,9 +244,8 @@ def test_a_plug_in_adds_a_stage(training, monkeypatch):
 
 
 def test_a_scene_loads_the_stages_that_it_wants(training):
-    recipe = building.usual_recipe(training.full_order)
-    places = [place.partition(":")[2] for place in building.stages_of(training.full_order, recipe)]
-    assert places == [
+    places = building.stages_of(training.full_order, building.usual_recipe(training.full_order))
+    assert [place.partition(":")[2] for place in places] == [
         "choose_domain", "enrich_basis", "project_problem", "assess_projection", "check_constants", "reconstruct",
         "assemble", "start_along",
     ]  # fmt: skip

@@ -156,17 +156,12 @@ def test_residuals_of_exact_and_of_spoiled_answers(hertz):
     assert 0.05 < contact_residuals(problem, twice, forces, theta).penetration < 0.2
 
 
-@pytest.fixture(scope="module")
-def half_trained(half_discs_coarse):
+def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_discs_coarse):
     """Half-discs trained on a part of their box."""
     full_order, _ = half_discs_coarse
     train, test = np.linspace(0.2, 0.4, 12)[:, None], np.linspace(0.21, 0.39, 9)[:, None]
     snapshots, held_out = (hhr.compute_snapshots(full_order, points) for points in (train, test))
-    return hhr.build(full_order, snapshots, held_out=held_out)
-
-
-def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_trained):
-    model = half_trained
+    model = hhr.build(full_order, snapshots, held_out=held_out)
     with warnings.catch_warnings(action="error", category=errors.OutsideTrainingWarning):
         assert model.solve(0.3).converged
         model.solve(0.405)  # a twentieth of the spread is no extrapolation
