@@ -112,8 +112,7 @@ def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, t
     assert model.compliances is None and isinstance(model.eliminated.eliminated, BlockElimination)
     assert "no installed plug-in" in model.fields.unbounded
     hhr.save_model(tmp_path / "model.npz", model)
-    kept = hhr.load_model(tmp_path / "model.npz")
-    full = trained.full_order
+    kept, full = hhr.load_model(tmp_path / "model.npz"), trained.full_order
     for point in full.parameters.random(5, seed=1):
         answer = model.solve(point, gradient=True)
         assert answer.estimate() is None and np.isfinite(answer.gradient.unknown).all()
