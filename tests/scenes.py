@@ -18,6 +18,11 @@ def node_dofs(problem, nodes):
     return (np.asarray(nodes)[:, None] * problem.block_size + np.arange(problem.block_size)).ravel()
 
 
+def with_bodies(scene, **changes):
+    """The scene with other constants or another law of all of its bodies."""
+    return dataclasses.replace(scene, bodies=tuple(dataclasses.replace(body, **changes) for body in scene.bodies))
+
+
 def whole_domain(problem):
     """The RID that is the whole domain: plain Galerkin projection with all contact conditions."""
     return reduced_domain(problem, np.arange(len(problem.points)))
@@ -165,12 +170,16 @@ def largest_difference(found, expected):
     return np.abs(np.subtract(found, expected)).max() / np.abs(expected).max()
 
 
+def check_like(found, exact, **tolerances):
+    """Hold fields of an answer, by their names, to those of another one, relative to the largest entry."""
+    for name, tolerance in tolerances.items():
+        assert largest_difference(getattr(found, name)(), getattr(exact, name)()) < tolerance, name
+
+
 def check_alike(full, model, points, **tolerances):
-    """Hold fields of a model, by their names, to those of the full order, relative to the largest entry."""
+    """The same for answers of a model and of the full order."""
     for point in points:
-        exact, found = full.solve(point), model.solve(point, outside="ignore")
-        for name, tolerance in tolerances.items():
-            assert largest_difference(getattr(found, name)(), getattr(exact, name)()) < tolerance, name
+        check_like(model.solve(point, outside="ignore"), full.solve(point), **tolerances)
 
 
 def slope_errors(model, point, step=1e-5):

@@ -1,6 +1,7 @@
 """A law of interfaces of a user's own: right where its facet is, refused by name everywhere else."""
 
 import dataclasses
+from functools import cache
 from itertools import pairwise
 
 import my_contact_law
@@ -10,11 +11,11 @@ from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
 from scenes import block_scene, slope, space
+from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
-from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.steps import Steps
@@ -56,13 +57,11 @@ def pressures(path):
 
 @pytest.fixture
 def wear(monkeypatch):
-    every, kept = {**registry.installed(), "my_contact_law": PLUGIN}, (registry.facet, registry.memories)
+    every = {**registry.installed(), "my_contact_law": PLUGIN}
     monkeypatch.setattr(registry, "installed", lambda: every)
-    for cached in kept:
-        cached.cache_clear()
-    yield Wear(CONSTANT)
-    for cached in kept:
-        cached.cache_clear()
+    for name in ("facet", "memories"):
+        monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
+    return Wear(CONSTANT)
 
 
 @pytest.fixture
@@ -70,9 +69,12 @@ def full(wear):
     return hhr.FullOrderModel(scene(law=wear), MPI.COMM_SELF)
 
 
-def test_histories_are_those_by_hand(full):
+def test_histories_are_those_by_hand(full, tmp_path):
+    """Of the full model, of a condensed one, and of its file."""
     expected, depths = pressures(PATH)
-    for model in (full, hhr.condense(full)):
+    condensed = hhr.condense(full)
+    hhr.save_model(tmp_path / "model.npz", condensed)
+    for model in (full, condensed, hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing])):
         history = model.march(PATH)
         found = [answer.outputs()["force"] / WIDTH for answer in history.answers]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
@@ -84,31 +86,20 @@ def test_histories_are_those_by_hand(full):
 def test_steps_are_cut_until_forces_decay_as_they_should(full):
     """Held where it is, p decays by exp(-c t / k)."""
     held = [(0.0, 0.0), (1e-6, 0.02), (4.0, 0.02)]
-    history = hhr.condense(full).march(held, hhr.MarchSettings(time_tolerance=1e-3))
+    answer = hhr.condense(full).march(held, hhr.MarchSettings(time_tolerance=1e-3)).answers[-1]
     exact = 0.02 / COMPLIANCE * np.exp(-CONSTANT * 4.0 / COMPLIANCE)
-    answer = history.answers[-1]
     assert answer.parts > 4
     assert answer.outputs()["force"] / WIDTH == pytest.approx(exact, rel=20 * answer.time_error) != 0
     assert answer.time_error < 0.05
 
 
 def test_histories_are_kept_and_go_on(full, tmp_path):
-    store = hhr.SnapshotStore(tmp_path, full)
-    known = hhr.compute_snapshots(full, [PATH], store=store).histories[0]
-    again = hhr.compute_snapshots(full, [PATH], store=hhr.SnapshotStore(tmp_path, full)).histories[0]
+    stores = (hhr.SnapshotStore(tmp_path, full) for _ in range(2))
+    known, again = (hhr.compute_snapshots(full, [PATH], store=store).histories[0] for store in stores)
     for one, other in zip(known.answers, again.answers, strict=True):
         np.testing.assert_array_equal(one.worn, other.worn)
     further = full.march(PATH, known=list(again.answers[:2]))
     np.testing.assert_array_equal(further.answers[-1].multipliers, known.answers[-1].multipliers)
-
-
-def test_a_file_keeps_it(full, tmp_path):
-    from my_contact_law import Wearing
-
-    hhr.save_model(tmp_path / "model.npz", hhr.condense(full))
-    model = hhr.load_model(tmp_path / "model.npz", known=[Wearing])
-    expected, _ = pressures(PATH)
-    assert model.march(PATH).answers[-1].outputs()["force"] / WIDTH == pytest.approx(expected[-1], rel=1e-9)
 
 
 def _store(full):
@@ -125,17 +116,14 @@ def fields(full, path):
     hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1])
 
 
-def study(full, path):
-    hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path)
-
-
 REFUSING = [
     (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full)), "not built in"),
     (lambda full, path: hhr.build(full, _store(full), hhr.Recipe()), "not built in"),
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
-    pytest.param(study, "remember their path", marks=needs("studies")),
+    pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
+    pytest.param(deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")),
 ]
 
 
@@ -143,15 +131,6 @@ REFUSING = [
 def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
     with pytest.raises(NotOfferedError, match=why):
         read(full, tmp_path)
-
-
-@needs("exporters")
-def test_a_deck_refuses_it(wear, tmp_path):
-    from hhr_dolfinx.plugins.exporters.deck import write_deck
-
-    pair = dataclasses.replace(scene(law=wear).contacts[0])
-    with pytest.raises((NotOfferedError, SceneError)):
-        write_deck(tmp_path / "a.inp", Discretisation(dataclasses.replace(scene(), contacts=(pair,))), np.array([0.01]))
 
 
 def test_a_facet_without_increments_refuses(full, monkeypatch):
@@ -202,32 +181,25 @@ class Untold(my_contact_law.WearIncrements):
     """Has no gradient, and does not say so."""
 
 
-class Bare(Wear):
-    """Its answers depend on nothing, it says."""
-
-    @classmethod
-    def attached(cls, *given):
-        rows, pairs, law = super().attached(*given)
-        return rows, pairs, Nameless(law.rate)
+def increments(variant):
+    return my_contact_law.WearSteps, "increments", lambda self, model, settings: variant(model)
 
 
-class Nameless(my_contact_law.Wearing):
-    def parts(self):
-        return []
+NAMELESS = my_contact_law.Wearing, "parts", lambda self: []
+"""Answers of the law depend on nothing, it says."""
 
 
 @needs("conformance")
-@pytest.mark.parametrize(("variant", "wrong"), [
-    (Absent, "off the loads"), (Untold, "a gradient is asked for"), (Bare, "folders of snapshots would mix"),
+@pytest.mark.parametrize(("change", "wrong"), [
+    (increments(Absent), "off the loads"), (increments(Untold), "a gradient is asked for"),
+    (NAMELESS, "folders of snapshots would mix"),
 ])  # fmt: skip
-def test_the_contract_names_what_is_wrong(variant, wrong, wear, monkeypatch):
+def test_the_contract_names_what_is_wrong(change, wrong, wear, monkeypatch):
     from hhr_dolfinx.testing import check_contact_law
 
-    law = Bare(CONSTANT) if variant is Bare else wear
-    if variant is not Bare:
-        monkeypatch.setattr(my_contact_law.WearSteps, "increments", lambda self, model, settings: variant(model))
+    monkeypatch.setattr(*change)
     with pytest.raises(AssertionError, match=wrong):
-        check_contact_law(law)
+        check_contact_law(wear)
 
 
 class Forgets(Reductor):

@@ -4,7 +4,7 @@ import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import largest_difference
+from scenes import check_like, largest_difference
 from scipy.sparse import block_diag, csc_matrix, csr_matrix, diags, identity, kron, triu
 
 import hhr_dolfinx as hhr
@@ -16,24 +16,23 @@ pytestmark = pytest.mark.skipif(schur._library() is None, reason="PETSc has no S
 SIDE = 7
 
 
-def stiffness():
-    """A Laplacian on a cube, (343, 343), and the dofs that are free, all but one side."""
-    line = csr_matrix(2 * np.eye(SIDE) - np.eye(SIDE, k=1) - np.eye(SIDE, k=-1))
-    one = identity(SIDE, format="csr")
-    parts = (kron(kron(line, one), one), kron(kron(one, line), one), kron(kron(one, one), line))
-    free = np.ones(SIDE**3, dtype=bool)
-    free[:: SIDE**2] = False
-    return csr_matrix(sum(parts)), free
+LINE, ONE = csr_matrix(2 * np.eye(SIDE) - np.eye(SIDE, k=1) - np.eye(SIDE, k=-1)), identity(SIDE, format="csr")
+MATRIX = csr_matrix(kron(kron(LINE, ONE), ONE) + kron(kron(ONE, LINE), ONE) + kron(kron(ONE, ONE), LINE))
+"""A Laplacian on a cube, (343, 343)."""
+FREE = np.arange(SIDE**3) % SIDE**2 > 0
+"""All dofs but those of one side."""
+LAST = np.arange(40, 90)
+"""Some of them are imposed."""
 
 
-def factors(matrix, free, last, **how):
+def factors(last, matrix=MATRIX, free=FREE, **how):
     return sparse.FreeCholesky(matrix, free, slice(0, len(free)), "cube", "mumps", MPI.COMM_SELF, last=last, **how)
 
 
-def rows_at(places, size, seed=0):
+def rows_at(places):
     """Rows of which each has entries at two of some dofs."""
-    rng = np.random.default_rng(seed)
-    dense = np.zeros((9, size))
+    rng = np.random.default_rng(0)
+    dense = np.zeros((9, len(FREE)))
     for row in dense:
         row[rng.choice(places, 2, replace=False)] = rng.standard_normal(2)
     return csr_matrix(dense)
@@ -41,33 +40,24 @@ def rows_at(places, size, seed=0):
 
 @pytest.mark.parametrize("low_rank", [None, 1e-10])
 def test_the_inverse_between_dofs_is_that_of_solutions(low_rank):
-    matrix, free = stiffness()
-    last = np.arange(40, 90)  # some of them are imposed
-    made = factors(matrix, free, last, low_rank=low_rank)
-    plain = factors(matrix, free, None)
-    assert made.last is not None and free[made.last].all() and plain.last is None
-    rows = rows_at(last, len(free))
+    made, plain = factors(LAST, low_rank=low_rank), factors(None)
+    assert made.last is not None and FREE[made.last].all() and plain.last is None
+    rows = rows_at(LAST)
     for times in (1.0, 4.0):
-        given = csr_matrix(times * matrix)
-        made.refactor(given)
-        plain.refactor(given)
+        for each in (made, plain):
+            each.refactor(csr_matrix(times * MATRIX))
         assert largest_difference(made.between_last(rows), rows @ plain.solve_columns(rows.T.tocsc())) < 1e-12
-        rhs = np.random.default_rng(1).standard_normal(len(free))
+        rhs = np.random.default_rng(1).standard_normal(len(FREE))
         assert largest_difference(made.solve(rhs), plain.solve(rhs)) < 1e-12
 
 
 def test_rows_that_reach_beyond_take_solutions():
-    matrix, free = stiffness()
-    made = factors(matrix, free, np.arange(40, 90))
-    assert made.between_last(rows_at(np.arange(200, 210), len(free))) is None
-    assert factors(matrix, free, None).between_last(rows_at(np.arange(40, 90), len(free))) is None
+    assert factors(LAST).between_last(rows_at(np.arange(200, 210))) is None
 
 
 def test_nothing_moves_under_no_loads():
     """Some columns without an entry, and only such ones, which MUMPS refuses."""
-    matrix, free = stiffness()
-    made = factors(matrix, free, np.arange(40, 90))
-    columns = csc_matrix((len(free), 5))
+    made, columns = factors(LAST), csc_matrix((len(FREE), 5))
     assert not made.solve_columns(columns).any()
     columns[100, 3] = 1.0
     found = made.solve_columns(columns)
@@ -76,49 +66,41 @@ def test_nothing_moves_under_no_loads():
 
 def test_loads_that_reach_none_of_them_move_what_they_push():
     """Nothing couples the second part with the rows that are eliminated last, and all columns push that alone."""
-    matrix, free = stiffness()
-    count = len(free)
-    both = csr_matrix(block_diag([matrix, matrix]))
-    made = factors(both, np.concatenate([free, free]), np.arange(40, 90))
-    rng = np.random.default_rng(0)
+    count, both, free = len(FREE), csr_matrix(block_diag([MATRIX, MATRIX])), np.concatenate([FREE, FREE])
+    made, rng = factors(LAST, both, free), np.random.default_rng(0)
     for reached in (slice(0, count), slice(count, 2 * count)):
         loads = np.zeros((2 * count, 3))
-        loads[reached] = rng.standard_normal((count, 3)) * free[:, None] * (rng.random((count, 3)) < 0.1)
-        found = made.solve_columns(csc_matrix(loads))
-        left = (both @ found - loads) * np.concatenate([free, free])[:, None]
-        assert np.abs(left).max() < 1e-12
+        loads[reached] = rng.standard_normal((count, 3)) * FREE[:, None] * (rng.random((count, 3)) < 0.1)
+        assert np.abs((both @ made.solve_columns(csc_matrix(loads)) - loads)[free]).max() < 1e-12
 
 
-@pytest.mark.parametrize("last", [[], [0], "all"])
+@pytest.mark.parametrize("last", [None, slice(0), slice(1), slice(None)])
 def test_nothing_is_last_or_all_is(last):
     """Then K^-1 takes solutions."""
-    matrix, free = stiffness()
-    made = factors(matrix, free, np.arange(len(free)) if last == "all" else np.array(last, dtype=np.int64))
-    assert made.last is None and made.between_last(rows_at(np.arange(200, 210), len(free))) is None
-    assert np.abs(matrix @ made.solve(free * 1.0) - free)[free].max() < 1e-12
+    made = factors(None if last is None else np.arange(len(FREE))[last])
+    assert made.last is None and made.between_last(rows_at(LAST)) is None
+    assert np.abs(MATRIX @ made.solve(FREE * 1.0) - FREE)[FREE].max() < 1e-12
 
 
-@pytest.mark.parametrize("last", [None, np.arange(40, 90)])
+@pytest.mark.parametrize("last", [None, LAST])
 def test_factors_that_refused_a_matrix_take_another_one(last):
-    matrix, free = stiffness()
-    made = factors(matrix, free, last)
+    made = factors(last)
     with pytest.raises(NotSolvableError):
-        made.refactor(csr_matrix((0.0 * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape))
+        made.refactor(csr_matrix((0.0 * MATRIX.data, MATRIX.indices, MATRIX.indptr), shape=MATRIX.shape))
     with pytest.raises(NotSolvableError, match="refactor"):
-        made.solve(free * 1.0)
-    again = csr_matrix(2.0 * matrix)
+        made.solve(FREE * 1.0)
+    again = csr_matrix(2.0 * MATRIX)
     made.refactor(again)
-    assert np.abs(again @ made.solve(free * 1.0) - free)[free].max() < 1e-12
+    assert np.abs(again @ made.solve(FREE * 1.0) - FREE)[FREE].max() < 1e-12
 
 
 def test_a_matrix_that_is_singular_between_them_is_refused():
     """Its singular direction is left to the Schur complement, of which the factorisation before says nothing."""
-    matrix, free = stiffness()
-    values = matrix.toarray()
+    values = MATRIX.toarray()
     values[60:80] = values[:, 60:80] = 0.0
     values[60:80, 60:80] = 1.0
     with pytest.raises(NotSolvableError, match="singular"):
-        factors(csr_matrix(values), free, np.arange(55, 85))
+        factors(np.arange(55, 85), csr_matrix(values))
 
 
 def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
@@ -130,8 +112,7 @@ def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
     assert with_them.store.first.last is not None and without.store.first.last is None
     for point in with_them.parameters.random(3, 0):
         one, other = (full.solve(point, gradient=True) for full in (with_them, without))
-        for of in ("forces", "displacement"):
-            assert largest_difference(getattr(one, of)(), getattr(other, of)()) < 1e-10
+        check_like(one, other, forces=1e-10, displacement=1e-10)
         for of in ("multipliers", "unknown"):
             assert largest_difference(getattr(one.gradient, of), getattr(other.gradient, of)) < 1e-10
 
@@ -140,25 +121,21 @@ def test_an_answer_is_completed_after_another_point_was_factored():
     """What contact forces push takes a solution by factors of its own point, whoever has put others in their place."""
     full = hhr.FullOrderModel(contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), MPI.COMM_SELF)
     first, second = full.parameters.random(2, 1)
-    alone = full.solve(first).displacement()
-    contacts = full.contacts()
+    alone, contacts = full.solve(first), full.contacts()
     contact, _ = contacts(first), contacts(second)
-    forces = full.solve(first).multipliers
     full.solve(second)
-    pushed = contact.pushed(forces)
-    assert largest_difference(full.solve(first).displacement(), alone) < 1e-12
+    pushed = contact.pushed(alone.multipliers)
+    check_like(full.solve(first), alone, displacement=1e-12)
     problem = full.problem.at(first)
     free = problem.held
-    exact = np.zeros(len(free))
-    load = (problem.contact.T @ forces)[free]
-    exact[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), load)
+    exact, load = np.zeros(len(free)), problem.contact.T @ alone.multipliers
+    exact[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), load[free])
     assert largest_difference(pushed, exact) < 1e-9
 
 
 def test_compressed_factors_beside_others_leave_the_schur_complement():
     """2, -1 on 30 rows with the last one kept: what is left is 2 - 29/30; a PETSc before 3.23 keeps more memory."""
-    matrix = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(30, 30), format="csr")
-    upper = triu(matrix, format="csr")
+    upper = triu(diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(30, 30)), format="csr")
     pattern = Pattern(upper.indptr, upper.indices, np.arange(upper.nnz))
     own = Factors(pattern, upper.data, "few_", "mumps", MPI.COMM_SELF, low_rank=1e-10, last=np.array([29]),
                   inverted=False)  # fmt: skip

@@ -1,5 +1,9 @@
-"""The physics as UFL states it, held to the numbers that the package runs; numbers of materials compile nothing."""
+"""The physics as UFL states it, held to the numbers that the package runs; numbers of materials compile nothing.
 
+Elasticity of a user's own in UFL: that of Hooke gives the same answers, an orthotropic one its closed form.
+"""
+
+import dataclasses
 from unittest.mock import Mock
 
 import ffcx.codegeneration.jit
@@ -10,14 +14,15 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc
 from mpi4py import MPI
 from needs import needs
-from scenes import largest_difference, pair_scene, pressed_block, pressed_pair, slope
+from scenes import check_like, largest_difference, pair_scene, pressed_block, pressed_pair, slope, with_bodies
 from scipy.sparse import csr_matrix
+from toy_law import Bingham
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.geometries import block, two_blocks
 
 
 def as_csr(matrix):
@@ -35,12 +40,10 @@ def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplic
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]
     operator = strain_operator(built)
-    elastic = material_at(scene, built.cell_bodies(), operator).elastic
-    stiffness = operator.stiffness(elastic, operator.pattern())
+    stiffness = operator.stiffness(material_at(scene, built.cell_bodies(), operator).elastic, operator.pattern())
     u, v = ufl.TrialFunction(built.space), ufl.TestFunction(built.space)
     dx = ufl.dx(domain=built.mesh, metadata={"quadrature_degree": built.gauss_degree})
-    form = elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx)
-    matrix = petsc.assemble_matrix(fem.form(form))
+    matrix = petsc.assemble_matrix(fem.form(elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx)))
     matrix.assemble()
     assert abs(stiffness - as_csr(matrix)).max() < 1e-13 * abs(stiffness).max()
     if hypothesis != "axisymmetric":  # 1 / r has a rule of its own in the model
@@ -52,11 +55,11 @@ def pressed_together(hypothesis, multipliers):
     slave, master = two_blocks.side(two_blocks.SECOND, 0, False), two_blocks.side(two_blocks.FIRST, 0, True)
     held = [two_blocks.side(two_blocks.FIRST, 0, False), two_blocks.side(two_blocks.SECOND, 0, True)]
     along = [hhr.Displacement(tag, 1) for tag in held]
-    boxes = ((1.0, 0.0), (2.0, 1.0), (2, 3)), ((2.1, 0.0), (3.0, 1.0), (2, 5))
     return pair_scene(
         "pressed_together",
         {"push": (0.0, 0.2)},
-        *boxes,
+        ((1.0, 0.0), (2.0, 1.0), (2, 3)),
+        ((2.1, 0.0), (3.0, 1.0), (2, 5)),
         ((3.0, 0.3), (2.0, 0.2)),
         hypothesis=hypothesis,
         contacts=(hhr.Mortar(slave, master, multipliers=multipliers),),
@@ -75,8 +78,7 @@ def test_slave_rows_of_mortar_are_the_assembled_coupling(hypothesis, multipliers
     rule = {"quadrature_rule": "vertex", "quadrature_degree": 1} if multipliers == "dual" else {"quadrature_degree": 4}
     _, _, tags = scene.geometry(MPI.COMM_SELF)
     measure = ufl.Measure("ds", domain=built.mesh, subdomain_data=tags, metadata=rule)(scene.contacts[0].slave)
-    scalars = fem.functionspace(built.mesh, ("Lagrange", 1))
-    u, psi = ufl.TrialFunction(built.space), ufl.TestFunction(scalars)
+    u, psi = ufl.TrialFunction(built.space), ufl.TestFunction(fem.functionspace(built.mesh, ("Lagrange", 1)))
     matrix = petsc.assemble_matrix(fem.form(contact.coupling(u, psi, hypothesis, measure)))
     matrix.assemble()
     area = petsc.assemble_vector(fem.form(contact.tributary_area(ufl.TestFunction(built.space), hypothesis, measure)))
@@ -136,12 +138,65 @@ def test_new_parameters_compile_nothing(none_compiled):
     assert 0 < hhr.mesh_error(full, full.solve(points[1])).energy < 1
 
 
-def test_constants_of_a_form_are_the_numbers():
-    """K of a body with numbers is that of the same body with formulas, which is assembled by parts; round-off."""
-    bodies = (1.7, 0.31), (2.0, 0.25)
-    numbers = hhr.FullOrderModel(pressed_pair("plane_stress", bodies, cells=2))
-    formulas = hhr.FullOrderModel(pressed_pair("plane_stress", (("E", 0.31), bodies[1]), {"E": (1.0, 3.0)}, cells=2))
-    point = formulas.parameters.middle
-    point[formulas.parameters.names.index("E")] = 1.7
-    exact = formulas.problem.at(point).stiffness
-    assert largest_difference(numbers.problem.stiffness.toarray(), exact.toarray()) <= 1e-13
+# ---------------------------------------------------------------- elasticity of a user's own
+
+
+LAMBDA, SHEAR = 3.0 * 0.3 / 1.3 / 0.4, 3.0 / 2.6
+"""Of E = 3 and nu = 0.3, as the block has."""
+
+
+def hooke(strain):
+    return LAMBDA * ufl.tr(strain) * ufl.Identity(3) + 2 * SHEAR * strain
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
+def test_hookes_law_written_out(hypothesis):
+    scene = pressed_block(hypothesis)
+    one, two = (
+        hhr.FullOrderModel(item, MPI.COMM_SELF).solve(0.05) for item in (scene, with_bodies(scene, stress=hooke))
+    )
+    check_like(two, one, displacement=1e-12, stress=1e-11)
+
+
+def test_layers_across_the_load_are_as_stiff_as_they_are():
+    """Without coupling of the axes a column in plane strain has the pressure E_y times its shortening."""
+
+    def layered(strain):
+        rows = [[(30.0, 7.0, 1.0)[i] if i == j else 2.0 for j in range(3)] for i in range(3)]
+        return ufl.elem_mult(ufl.as_tensor(rows), strain)
+
+    scene = with_bodies(pressed_block("plane_strain"), stress=layered)
+    training = hhr.train(scene, [8], comm=MPI.COMM_SELF, held_out=20)
+    full, model = training.full_order, training.build()
+    for exact in (full.solve(0.05), model.solve(0.05)):
+        # the gap of 0.02 closes first; the block is 2 high and 1.5 wide in this scene
+        stress = exact.stress()[:, 1]
+        assert np.ptp(stress) < 1e-9 * abs(stress).max()
+        assert exact.forces().sum() == pytest.approx(-stress.mean() * 1.5, rel=1e-9)
+    strain = -full.solve(0.05).stress()[:, 1].mean() / 7.0
+    y, moved = full.problem.points[:, 1], full.solve(0.05).displacement().reshape(-1, 2)[:, 1]
+    shorter = moved[y == y.min()].mean() - moved[y == y.max()].mean()
+    assert strain == pytest.approx(shorter / np.ptp(y), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"stress": 3.0}, "the stress 3.0 must be a function of the strain"),
+        pytest.param({"law": Bingham(1.0, 1.0)}, "a stress of its own, and a law", marks=needs("inelastic")),
+        ({"grading": lambda x: 1 + x[0]}, "a stress of its own, and a law, a grading"),
+        ({"young": "push + 1"}, "a stress of its own, and a law, a grading or formulas"),
+    ],
+)
+def test_what_is_not_built_in_is_refused(change, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.Body(block.SOLID, **({"young": 1.0, "poisson": 0.3, "stress": hooke} | change))
+
+
+@needs("stress")
+def test_plane_stress_and_outputs_that_need_moduli():
+    with pytest.raises(SceneError, match=r"a stress of their own: .* not in plane stress"):
+        with_bodies(pressed_block("plane_stress"), stress=hooke)
+    scene = with_bodies(pressed_block("plane_strain"), stress=hooke)
+    with pytest.raises(SceneError, match=r"output 'stress': body .* has a stress of its own"):
+        hhr.FullOrderModel(dataclasses.replace(scene, outputs=(hhr.VonMises("stress", block.SOLID),)))

@@ -80,8 +80,7 @@ def test_values_are_those_of_numpy_and_derivatives_those_of_differences(seed):
     scalar = Scalar(text, NAMES)
     functions = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "sqrt", "exp", "log", "abs")}
     assert scalar.value(point) == pytest.approx(float(eval(text, functions, dict(zip(NAMES, point, strict=True)))))
-    steps = 1e-5 * np.eye(3)
-    around = [(scalar.value(point + step) - scalar.value(point - step)) / 2e-5 for step in steps]
+    around = [(scalar.value(point + step) - scalar.value(point - step)) / 2e-5 for step in 1e-5 * np.eye(3)]
     found = scalar.derivative(point)
     assert np.abs(found - around).max() < 1e-6 * (1 + np.abs(found).max() + abs(scalar.value(point)))
 
@@ -90,13 +89,11 @@ def test_arrays_are_answered_like_numbers():
     xs = np.linspace(-2, 2, 9)
     for text in ("x**2 + abs(x)", "table(x, -2, 0, 0, 1, 2, -5)", "max(x, 0.25) * min(x, y)"):
         formula = Formula(text)
-        one_by_one = [float(formula({"x": x, "y": 0.1})) for x in xs]
-        assert np.array_equal(formula({"x": xs, "y": 0.1}), one_by_one)
+        assert np.array_equal(formula({"x": xs, "y": 0.1}), [float(formula({"x": x, "y": 0.1})) for x in xs])
 
 
 def test_a_table_is_linear_and_refuses_what_is_beyond():
-    scalar = Scalar(TABLE, NAMES)
-    at = lambda temperature: scalar.value(np.array([0.0, 0.0, temperature]))  # noqa: E731
+    at = lambda temperature: Scalar(TABLE, NAMES).value(np.array([0.0, 0.0, temperature]))  # noqa: E731
     assert [at(item) for item in (300, 325, 400, 450, 500)] == pytest.approx([2, 2.5, 4, 1, -2])
     assert at(500 + 1e-8) == pytest.approx(-2)  # round-off is not beyond
     for temperature in (299.0, 501.0):
@@ -182,8 +179,7 @@ def test_what_was_accepted_is_answered_from_deep_within_a_program_too():
     assert deep(300) == DEEPEST - 1
     with pytest.raises(SceneError, match=f"nests more than {DEEPEST}"):
         Formula("+".join(["x"] * (DEEPEST + 1)))
-    many = "+".join(["(" + "+".join(["x"] * 100) + ")"] * 90)
-    assert Formula(many)({"x": 1.0}) == 9000
+    assert Formula("+".join(["(" + "+".join(["x"] * 100) + ")"] * 90))({"x": 1.0}) == 9000
 
 
 def test_names():
@@ -244,6 +240,5 @@ def test_bounds_are_asked_for_all_over_the_box():
 
 
 def test_many_parameters_have_too_many_corners_to_try_them_all():
-    names = tuple(f"p{k}" for k in range(12))
-    samples = box_samples(hhr.ParameterSpace(names, (0.0,) * 12, (1.0,) * 12), 5)
+    samples = box_samples(hhr.ParameterSpace(tuple("abcdefghijkl"), (0.0,) * 12, (1.0,) * 12), 5)
     assert samples.shape == (1 + 2**10 + 5, 12) and samples.min() >= 0 and samples.max() <= 1

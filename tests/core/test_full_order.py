@@ -6,6 +6,7 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 from scenes import THESIS, block_scene, check_contact_conditions, pressed_block, slope, space
+from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
@@ -26,18 +27,13 @@ def test_uniform_pressure_is_exact(hypothesis, simplices):
     check_contact_conditions(full_order.problem, solution.displacement(), solution.forces(), 0.05)
 
 
-@pytest.mark.parametrize(("push", "active"), [(0.0, "none"), (0.01 - 1e-9, "none"), (0.1, "all")])
-def test_no_contact_and_all_contacts(push, active):
-    solution = hhr.FullOrderModel(pressed_block("plane_stress")).solve(push)
-    assert solution.converged
-    assert solution.active.all() if active == "all" else not solution.active.any()
-
-
-def test_grazing_contact_settles():
-    """Gap exactly closed: force and slack are both zero, and round-off must not make statuses cycle."""
-    solution = hhr.FullOrderModel(pressed_block("plane_strain")).solve(0.01)
+@pytest.mark.parametrize("push", [0.0, 0.01 - 1e-9, 0.01])
+def test_no_contact_and_grazing_contact(push):
+    """Gap exactly closed at last: force and slack are both zero, and round-off must not make statuses cycle."""
+    solution = hhr.FullOrderModel(pressed_block("plane_strain")).solve(push)
     assert solution.converged and not solution.cycled
     assert np.abs(solution.forces()).max() < 1e-12
+    assert push == 0.01 or not solution.active.any()
 
 
 def test_initial_overlap_is_pushed_apart():
@@ -70,35 +66,25 @@ def test_several_pairs_act_independently():
 
 def lame_tube(cells, gap, poisson=0.3):
     """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 + gap."""
-    return block_scene(
-        "lame_tube",
-        {"pressure": (0.0, 1.0)},
-        lower=(1, 0),
-        upper=(2, 0.25),
-        cells=(cells, max(cells // 4, 1)),
-        young=10.0,
-        poisson=poisson,
-        hypothesis="axisymmetric",
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),),
-        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
-        loads=(hhr.Pressure(block.side(0, upper=False), slope("pressure")),),
-    )
+    return tube(None, 1.0, cells, poisson, contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),))
 
 
-def lame_outer_displacement(inner, outer):
-    """Radial displacement at r = b of a tube a = 1, b = 2 under inner and outer pressure, plane strain."""
-    E, nu, a, b = 10.0, 0.3, 1.0, 2.0
-    A = (inner * a**2 - outer * b**2) / (b**2 - a**2)
-    C = (inner - outer) * a**2 * b**2 / (b**2 - a**2)
-    return (1 + nu) / E * ((1 - 2 * nu) * A * b + C / b)
+def lame(inner, outer):
+    """A and C of sigma_r = A - C / r^2 and sigma_theta = A + C / r^2 under pressures at r = 1 and 2."""
+    return (inner - 4 * outer) / 3, 4 * (inner - outer) / 3
+
+
+def lame_displacement(A, C, r, poisson=0.3):
+    """u_r in plane strain."""
+    return (1 + poisson) / YOUNG * ((1 - 2 * poisson) * A * r + C / r)
 
 
 def test_lame_tube_converges_with_and_without_the_wall():
     """u_r and the wall pressure converge at rate 2 to Lame's closed form."""
-    free = lame_outer_displacement(1.0, 0.0)
+    free, pressed = (lame_displacement(*lame(1.0, outer), 2.0) for outer in (0.0, 1.0))
     gap = free / 2
     # the outer pressure that leaves the outer radius at the wall: u(1, q) = gap, linear in q
-    wall_pressure = (free - gap) / (free - lame_outer_displacement(1.0, 1.0))
+    wall_pressure = (free - gap) / (free - pressed)
     errors = []
     for cells in (4, 8, 16):
         open_tube = hhr.FullOrderModel(lame_tube(cells, gap=1.0))
@@ -106,12 +92,9 @@ def test_lame_tube_converges_with_and_without_the_wall():
         assert not solution.active.any()
         outer = np.isclose(open_tube.problem.points[:, 0], 2.0)
         u_r = solution.displacement().reshape(-1, 2)[outer, 0].mean()
-        closed = hhr.FullOrderModel(lame_tube(cells, gap))
-        forces = closed.solve(1.0).forces()
-        pressure = forces.sum() / (2 * np.pi * 2.0 * 0.25)
+        pressure = hhr.FullOrderModel(lame_tube(cells, gap)).solve(1.0).forces().sum() / (2 * np.pi * 2.0 * 0.2)
         errors.append((abs(u_r / free - 1), abs(pressure / wall_pressure - 1)))
-    rates = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert rates[-1] == pytest.approx(2.0, abs=0.1)
+    assert np.log2(np.divide(errors[-2], errors[-1])) == pytest.approx(2.0, abs=0.1)
     assert max(errors[-1]) < 2e-3
 
 
@@ -122,21 +105,13 @@ def test_hertz_line_contact():
     full_order = hhr.FullOrderModel(scene)
     problem = full_order.problem
     solution = full_order.solve(0.1045)
-    x = problem.contact_points[:, 0]
-    load = solution.forces().sum()
-    modulus = 15.0 / (2 * (1 - 0.35**2))
+    forces = solution.forces()
+    load, modulus = forces.sum(), 15.0 / (2 * (1 - 0.35**2))
     half_width = np.sqrt(4 * load * 0.5 / (np.pi * modulus))
     assert 0.02 < half_width < 0.06 and solution.active.sum() > 20
-    measured = 2 * np.sqrt((solution.forces() * x**2).sum() / load)
-    pressure = (solution.forces() / problem.contact_areas).max()
+    measured = 2 * np.sqrt(forces @ problem.contact_points[:, 0] ** 2 / load)
     assert measured == pytest.approx(half_width, rel=0.03)
-    assert pressure == pytest.approx(2 * load / (np.pi * half_width), rel=0.03)
-
-
-@pytest.mark.parametrize("mu", [0.15, 0.217, 0.3, 0.45])
-def test_contact_conditions_hold(hertz, mu):
-    solution = hertz.solve(mu)
-    check_contact_conditions(hertz.problem, solution.displacement(), solution.forces(), mu)
+    assert (forces / problem.contact_areas).max() == pytest.approx(2 * load / (np.pi * half_width), rel=0.03)
 
 
 def test_sizes_of_the_thesis(hertz):

@@ -2,12 +2,14 @@
 
 import importlib.metadata
 from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import present
-from scenes import pressed_block
+from scenes import pressed_block, with_bodies
 from test_registry import Entry
 
 import hhr_dolfinx as hhr
@@ -19,8 +21,6 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.study.training.train import Training
 
-CACHES = (registry.installed, registry.memories, registry.asked_of_answers, registry.facet)
-
 
 class Ages:
     """A law by whose name nobody else reads it."""
@@ -29,21 +29,13 @@ class Ages:
         """By this method it is known."""
 
 
-class Known:
-    """Facet ``scene``."""
-
-    def check_body(self, body):
-        if body.grading is not None:
-            raise SceneError(f"body {body.tag} ages, and is graded: not built in")
-
-    def check_scene(self, scene):
-        """All of them."""
-
-    def parameters_of(self, law):
-        return set()
+def check_body(body):
+    if body.grading is not None:
+        raise SceneError(f"body {body.tag} ages, and is graded: not built in")
 
 
-SCENES = Known()
+SCENES = SimpleNamespace(check_body=check_body, check_scene=lambda scene: None, parameters_of=lambda law: set())
+"""Facet ``scene``."""
 
 
 class Bodies:
@@ -99,18 +91,14 @@ def years(answer):
 def registered(monkeypatch):
     def found(*plugins):
         monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [Entry(item) for item in plugins])
-        for cache in CACHES:
-            cache.cache_clear()
+        for name in ("installed", "memories", "asked_of_answers", "facet"):
+            monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
 
-    yield found
-    monkeypatch.undo()
-    for cache in CACHES:
-        cache.cache_clear()
+    return found
 
 
 def scene():
-    given = pressed_block("plane_strain", cells=3)
-    return replace(given, bodies=tuple(replace(body, law=Ages()) for body in given.bodies))
+    return with_bodies(pressed_block("plane_strain", cells=3), law=Ages())
 
 
 def test_a_law_that_no_plug_in_reads_is_refused(registered):
@@ -135,11 +123,9 @@ def test_its_plug_in_says_what_scenes_may_hold(registered):
 
 def test_laws_of_two_plug_ins_make_no_scene(registered):
     registered(ageing(), registry.Plugin("other", materials=("other",), facets={"scene": f"{__name__}:SCENES"}))
-    others = type("Others", (), {"other": lambda self: None})()
-    given = scene()
-    bodies = (*given.bodies, hhr.Body("another", 1.0, 0.3, others))
+    given, others = scene(), type("Others", (), {"other": lambda self: None})()
     with pytest.raises(SceneError, match=r"laws of bodies of several plug-ins, \['ageing', 'other'\]"):
-        replace(given, bodies=bodies)
+        replace(given, bodies=(*given.bodies, hhr.Body("another", 1.0, 0.3, others)))
 
 
 def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):

@@ -3,12 +3,15 @@
 import dataclasses
 import shutil
 
+import basix.ufl
 import gmsh
 import meshio
 import numpy as np
 import pytest
+import ufl
 import your_scene
-from dolfinx import io
+from dolfinx import fem, io
+from dolfinx import mesh as dmesh
 from mpi4py import MPI
 from needs import needs
 from scenes import largest_difference, slope
@@ -20,7 +23,6 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 
 POINT = {"travel": 0.9, "lowered": 0.0}
 MESH = meshio.read(your_scene.MESH)
-BODIES = "spring", "roller", "stop"
 LINES = {name: tag for name, (tag, dim) in MESH.field_data.items() if dim == 1}
 
 
@@ -82,23 +84,6 @@ def write_exodus(path, points, blocks, sides=None, names=(), form="NETCDF3_64BIT
     return path
 
 
-def sides_of(tag):
-    """Nodes of the lines with a number, (n, 2)."""
-    marks = MESH.cell_data["gmsh:physical"]
-    blocks = [block.data[own == tag] for block, own in zip(MESH.cells, marks, strict=True) if block.type == "line"]
-    return np.concatenate(blocks).tolist()
-
-
-def faces_of_cells():
-    """Element and face, from 1 on, by the nodes of a side."""
-    cells = np.concatenate([block.data for block in MESH.cells[-3:]]).tolist()
-    return {
-        frozenset((cell[face], cell[(face + 1) % 3])): (number, face + 1)
-        for number, cell in enumerate(cells, start=1)
-        for face in range(3)
-    }
-
-
 @needs("exporters", "nonmatching")
 def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
     from hhr_dolfinx.plugins.exporters.deck import write_deck
@@ -118,10 +103,16 @@ def test_the_deck_beside_the_mesh_is_of_the_same_scene(exact):
 
 @needs("nonmatching")
 def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
-    faces = faces_of_cells()
     blocks = {k: ("TRI3", block.data + 1) for k, block in enumerate(MESH.cells[-3:], start=1)}
-    sides = {10 + k: [faces[frozenset(side)] for side in sides_of(tag)] for k, tag in enumerate(LINES.values())}
-    names = dict(zip((*blocks, *sides), (*BODIES, *LINES), strict=True))
+    cells = enumerate(np.concatenate([block.data for block in MESH.cells[-3:]]).tolist(), start=1)
+    # element and face, from 1 on, by the nodes of a side
+    faces = {frozenset((cell[k], cell[(k + 1) % 3])): (number, k + 1) for number, cell in cells for k in range(3)}
+    marked = [item for item in zip(MESH.cells, MESH.cell_data["gmsh:physical"], strict=True) if item[0].type == "line"]
+    sides = {
+        k: [faces[frozenset(side)] for block, own in marked for side in block.data[own == tag].tolist()]
+        for k, tag in enumerate(LINES.values(), start=10)
+    }
+    names = dict(zip((*blocks, *sides), ("spring", "roller", "stop", *LINES), strict=True))
     answers_alike(write_exodus(tmp_path / "mesh.e", MESH.points[:, :2], blocks, sides, names), exact)
 
 
@@ -191,10 +182,6 @@ def of_second_order(kind, incomplete, folder):
 )  # fmt: skip
 def test_cells_of_second_order_keep_their_curved_sides(kind, incomplete, exact, tmp_path):
     """Area and volume of a disc of chords of .5 are a few per cent off by its corners; 2e-4 was measured at most."""
-    import ufl
-    from dolfinx import fem
-    from dolfinx.mesh import exterior_facet_indices
-
     for path in of_second_order(kind, incomplete, tmp_path):
         mesh, _, facets, *_ = hhr.MeshFile(path)(MPI.COMM_SELF)
         assert degree_of(mesh) == 2, path
@@ -203,22 +190,24 @@ def test_cells_of_second_order_keep_their_curved_sides(kind, incomplete, exact, 
         np.testing.assert_allclose(sizes, exact, rtol=1e-3, err_msg=str(path))
         if path.suffix != ".vtu":  # meshio writes no names there
             mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
-            np.testing.assert_array_equal(facets.indices, exterior_facet_indices(mesh.topology), err_msg=str(path))
+            np.testing.assert_array_equal(
+                facets.indices, dmesh.exterior_facet_indices(mesh.topology), err_msg=str(path)
+            )
 
 
-def test_nodes_on_sides_in_another_order_are_refused(tmp_path):
-    points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]], dtype=float)
-    meshio.write(tmp_path / "m.vtu", meshio.Mesh(points, [("triangle6", np.arange(6)[None])]))
-    with pytest.raises(FileContentError, match="their nodes in an order that is not understood"):
-        hhr.MeshFile(tmp_path / "m.vtu")(MPI.COMM_SELF)
-
-
-def test_cells_of_two_orders_are_refused(tmp_path):
+def test_nodes_on_sides_in_another_order_and_cells_of_two_orders_are_refused(tmp_path):
     points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5], [1, 1]], dtype=float)
-    blocks = [("triangle6", np.arange(6)[None]), ("triangle", np.array([[1, 6, 2]]))]
-    meshio.write(tmp_path / "m.vtk", meshio.Mesh(np.pad(points, ((0, 0), (0, 1))), blocks))
-    with pytest.raises(FileContentError, match="have 3 or 6 nodes: mesh all bodies with cells of one order"):
-        hhr.MeshFile(tmp_path / "m.vtk")(MPI.COMM_SELF)
+    points = np.pad(points, ((0, 0), (0, 1)))
+    for cells, why in (
+        ([("triangle6", [[0, 1, 2, 4, 5, 3]])], "their nodes in an order that is not understood"),
+        (
+            [("triangle6", [[0, 1, 2, 3, 4, 5]]), ("triangle", [[1, 6, 2]])],
+            "have 3 or 6 nodes: .* with cells of one order",
+        ),
+    ):
+        meshio.write(tmp_path / "m.vtk", meshio.Mesh(points, cells))
+        with pytest.raises(FileContentError, match=why):
+            hhr.MeshFile(tmp_path / "m.vtk")(MPI.COMM_SELF)
 
 
 def test_second_order_from_exodus(tmp_path):
@@ -229,10 +218,6 @@ def test_second_order_from_exodus(tmp_path):
 
 
 def test_second_order_from_xdmf(tmp_path):
-    import basix.ufl
-    import ufl
-    from dolfinx import mesh as dmesh
-
     points = np.array([[0, 0], [1, 0], [0, 1], [0.6, 0.6], [0, 0.5], [0.5, 0]], dtype=float)
     domain = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 2, shape=(2,)))
     curved = dmesh.create_mesh(MPI.COMM_SELF, cells=np.arange(6)[None], x=points, e=domain)
@@ -311,17 +296,15 @@ def test_arguments_that_are_none(given):
 
 @needs("nonmatching")
 def test_names_in_a_scene_whose_mesh_has_none():
-    plain = lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm))  # noqa: E731
-    scene = dataclasses.replace(your_scene.scene(), geometry=plain)
+    scene = dataclasses.replace(your_scene.scene(), geometry=lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm)))
     with pytest.raises(SceneError, match="no surface of the mesh has a name, and 'clamp' is asked for"):
         hhr.FullOrderModel(scene)
 
 
 @needs("nonmatching")
-def test_a_model_by_names_is_saved_and_read(tmp_path, exact):
-    training = hhr.train(your_scene.scene(), hhr.Sobol(16), comm=MPI.COMM_SELF)
+def test_a_model_by_names_is_saved_and_read(tmp_path):
     with pytest.warns(UserWarning):  # few answers
-        model = training.build()
+        model = hhr.train(your_scene.scene(), hhr.Sobol(16), comm=MPI.COMM_SELF).build()
     hhr.save_model(tmp_path / "m.npz", model)
     again = hhr.load_model(tmp_path / "m.npz").solve(POINT)
     assert largest_difference(again.multipliers, model.solve(POINT).multipliers) < 1e-12

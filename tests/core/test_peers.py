@@ -6,6 +6,7 @@ import pytest
 from coarser import CoarserMesh
 from mpi4py import MPI
 from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
+from scenes import check_like
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, SceneError
@@ -19,8 +20,7 @@ def test_condensed_is_exact(hertz, hertz_snapshots, mu):
     known = hertz_snapshots.known_statuses()
     condensed, forces_only = (exact_condensation(hertz, known, field=field).solve(mu) for field in (True, False))
     for answer in (condensed, forces_only):
-        assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-11)
-        assert answer.forces() == pytest.approx(exact.forces(), abs=1e-11)
+        check_like(answer, exact, displacement=1e-11, forces=1e-11)
     assert forces_only.unknown.size == 0 and np.array_equal(forces_only.forces(), condensed.forces())
 
 
@@ -54,9 +54,7 @@ def test_dual_basis_model_with_all_unit_vectors_finds_the_forces(hertz, hertz_sn
     """With the whole dual space, supremizers make the model exact: it is condensation in disguise."""
     model = DualBasisModel(hertz, hertz_snapshots, np.eye(55), modes=14)
     for mu in (0.168, 0.4321):
-        exact, answer = hertz.solve(mu), model.solve(mu)
-        assert answer.forces() == pytest.approx(exact.forces(), abs=1e-8)
-        assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-8)
+        check_like(model.solve(mu), hertz.solve(mu), displacement=1e-8, forces=1e-8)
 
 
 def test_coarser_meshes_converge_to_the_fine_one(hertz):
@@ -64,8 +62,7 @@ def test_coarser_meshes_converge_to_the_fine_one(hertz):
     errors = []
     for segments, flat in ((14, 4), (28, 7), (56, 14)):
         coarse = hhr.FullOrderModel(demo.scene(arc_segments=segments, flat_segments=flat), MPI.COMM_SELF)
-        model = CoarserMesh(coarse, hertz.problem, hertz.problem.parameters.grid([3]))
-        answer = model.solve(0.3)
+        answer = CoarserMesh(coarse, hertz.problem, hertz.problem.parameters.grid([3])).solve(0.3)
         pairs = (answer.displacement(), exact.displacement()), (answer.forces(), exact.forces())
         errors.append([np.linalg.norm(found - known) / np.linalg.norm(known) for found, known in pairs])
     errors = np.array(errors)

@@ -16,8 +16,7 @@ def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
     """(1.35), (1.36), (1.45), (1.55), (1.58), (1.59), each by brute force; the RID holds the nodes that DEIM picks."""
     problem, sets = hertz.problem, hertz_reduction.offline.sets
     check_closed(problem, deim(hertz_reduction.offline.basis) // 2, sets)
-    outside = np.setdiff1d(np.arange(len(problem.cell_nodes)), sets.cells)
-    nodes_outside = np.unique(problem.cell_nodes[outside])
+    nodes_outside = np.unique(np.delete(problem.cell_nodes, sets.cells, axis=0))
     A = [i for i in range(problem.free.size) if i // 2 not in nodes_outside and problem.free[i]]
     assert sets.A.tolist() == A
     coupled = np.flatnonzero(np.abs(problem.stiffness.toarray()[sets.A]).sum(axis=0))
@@ -43,14 +42,14 @@ def test_projection_equals_the_unrestricted_formula(hertz, hertz_reduction):
 
 
 def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots):
-    """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4."""
+    """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4; contact conditions hold for both."""
     problem = hertz.problem
     basis = np.eye(problem.free.size)[:, problem.free]
     sets = whole_domain(problem)
     fields = Completion.of(problem, hertz_snapshots).reconstruction(problem, basis, sets)
     known = hertz_snapshots.known_statuses()
     model = hhr.ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
-    for mu in (0.1513, 0.3, 0.4321):
+    for mu in (0.15, 0.217, 0.3, 0.45):
         reference, solution = hertz.solve(mu), model.solve(mu)
         field, forces = reference.displacement(), reference.forces()
         displacement = basis @ solution.unknown + problem.lifts @ problem.amplitudes(np.array([mu]))
@@ -58,7 +57,8 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
         assert np.array_equal(solution.displacement(), displacement)
         assert solution.multipliers == pytest.approx(forces, abs=1e-10 * forces.max())
         assert np.array_equal(solution.forces(), solution.multipliers)
-        check_contact_conditions(problem, displacement, solution.multipliers, mu)
+        for answer in (reference, solution):
+            check_contact_conditions(problem, answer.displacement(), answer.forces(), mu)
 
 
 def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapshots):
@@ -85,7 +85,6 @@ def test_reduced_contact_conditions(hertz_reduction, start):
         assert np.abs(residual).max() < 1e-12 * np.abs(load).max()
         assert solution.multipliers.min() >= -1e-11 * solution.multipliers.max() and slack.min() > -1e-11
         assert np.abs(slack * solution.multipliers).max() < 1e-11
-        assert solution.converged
 
 
 def test_nearest_known_statuses():
@@ -112,8 +111,7 @@ def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
 @needs("studies")
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
-    points = hertz.problem.parameters.random(20, seed=0)
-    references = references_at(points, hertz, hertz_snapshots)
+    references = references_at(hertz.parameters.random(20, seed=0), hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
         reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance).as_it_is())

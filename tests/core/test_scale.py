@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
-from needs import needs, present
+from needs import OURS, needs, present
 from petsc4py import PETSc
+from scenes import check_like, largest_difference
 from scipy.sparse import csc_matrix
 
 import hhr_dolfinx as hhr
@@ -23,18 +24,12 @@ from hhr_dolfinx.models.starts import KnownStatuses
 
 SCENES = {
     "constant": (contract.blocks, contract.MIDDLE),
-    "moduli of whole bodies": (
-        lambda: contract.blocks(("E1", 0.3), box=contract.MODULI), contract.VARIED,
-    ),
+    "moduli of whole bodies": (lambda: contract.blocks(("E1", 0.3), box=contract.MODULI), contract.VARIED),
     "Poisson's ratios": (lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), {**contract.MIDDLE, "n": 0.25}),
-    **(
-        {"bodies held by contact": (lambda: contract.blocks(free=True), contract.PRESSED)}
-        if present("floating")
-        else {}
-    ),
+    "floating": (lambda: contract.blocks(free=True), contract.PRESSED),
     "friction": (lambda: contract.blocks(friction=0.2), contract.MIDDLE),
-    "second order": (lambda: dataclasses.replace(contract.blocks(), order=2), contract.MIDDLE),
-}  # fmt: skip
+    "second_order": (lambda: dataclasses.replace(contract.blocks(), order=2), contract.MIDDLE),
+}
 
 
 def both(make, monkeypatch):
@@ -44,36 +39,26 @@ def both(make, monkeypatch):
     return kept, hhr.FullOrderModel(make(), MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=needs(name.replace(" ", "_")) if name in ("friction", "second order") else ())
-        for name in SCENES
-    ],
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(*{name} & set(OURS))) for name in SCENES])
 def test_answers_are_the_same(name, monkeypatch):
     make, mu = SCENES[name]
     kept, lean = both(make, monkeypatch)
     # bodies that contact alone holds rest on what resists no motion of theirs
     assert kept.keeps_columns and lean.keeps_columns == (lean.problem.kernel is not None)
     exact, found = kept.solve(mu, gradient=True), lean.solve(mu, gradient=True)
-    for pick in (
-        lambda answer: answer.forces(), lambda answer: answer.displacement(), lambda answer: answer.gradient.unknown,
-        lambda answer: answer.gradient.multipliers, lambda answer: np.array(list(answer.outputs().values.values())),
-    ):  # fmt: skip
-        np.testing.assert_allclose(pick(found), pick(exact), rtol=0, atol=1e-10 * np.abs(pick(exact)).max())
+    check_like(found, exact, forces=1e-10, displacement=1e-10)
+    for name in ("unknown", "multipliers"):
+        assert largest_difference(getattr(found.gradient, name), getattr(exact.gradient, name)) < 1e-10
+    assert largest_difference(*([*answer.outputs().values.values()] for answer in (found, exact))) < 1e-10
     assert lean.keeps_columns or not lean.stiffness.has_response
 
 
 @needs("stress")
 def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
     """Forces and outputs from a file too; a displacement where the factors are."""
-
-    def make():
-        outputs = (*contract.blocks().outputs, hhr.DisplacementAt("u", (2.0, 2.0), 0), hhr.VonMises("stress", 1))
-        return dataclasses.replace(contract.blocks(), outputs=outputs)
-
-    kept, lean = both(make, monkeypatch)
+    scene = contract.blocks()
+    outputs = (*scene.outputs, hhr.DisplacementAt("u", (2.0, 2.0), 0), hhr.VonMises("stress", 1))
+    kept, lean = both(lambda: dataclasses.replace(scene, outputs=outputs), monkeypatch)
     monkeypatch.undo()  # rows of outputs have room
     statuses = hhr.compute_snapshots(kept, kept.parameters.random(8, 0)).known_statuses()
     whole = hhr.exact_condensation(kept, statuses)
@@ -81,9 +66,7 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
     assert isinstance(model.fields, SolvedFields) and not lean.stiffness.has_response
     for point in kept.parameters.random(4, 1):
         exact, found = whole.solve(point, gradient=True), model.solve(point, gradient=True)
-        scale = np.abs(exact.displacement()).max()
-        np.testing.assert_allclose(found.displacement(), exact.displacement(), atol=1e-11 * scale)
-        np.testing.assert_allclose(found.stress(), exact.stress(), atol=1e-10 * np.abs(exact.stress()).max())
+        check_like(found, exact, displacement=1e-11, stress=1e-10)
         one, other = found.outputs(), exact.outputs()
         np.testing.assert_allclose(list(one.values.values()), list(other.values.values()), rtol=1e-9)
         for key, slopes in other.gradient.items():
@@ -96,21 +79,20 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         again.displacement()
 
 
-def pressed_by_sphere(sphere, block):
-    """Of mortar, if there is any; what is tested here does not depend on it."""
-    pairing = hhr.Mortar if present("mortar") else hhr.NodeToSurface
-    return sphere_on_block.scene(pairing, sphere_cells=sphere, block_cells=block)
+PAIRING = hhr.Mortar if present("mortar") else hhr.NodeToSurface
+"""What is tested here does not depend on it."""
 
 
 def pressed_sphere(*outputs, cells=8, moduli=False):
     """A scene in space of some hundred conditions."""
-    plain = pressed_by_sphere((cells, cells // 2), (cells - 2, cells // 2))
+    made = sphere_on_block.scene(PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2))
+    scene = dataclasses.replace(made, outputs=outputs)
     if not moduli:
-        return dataclasses.replace(plain, outputs=outputs)
-    bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(plain.bodies))
-    box = plain.parameters
+        return scene
+    bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(scene.bodies))
+    box = scene.parameters
     space = hhr.ParameterSpace((*box.names, "E0", "E1"), (*box.lower, 1e5, 5e4), (*box.upper, 3e5, 9e4))
-    return dataclasses.replace(plain, bodies=bodies, parameters=space, outputs=outputs)
+    return dataclasses.replace(scene, bodies=bodies, parameters=space)
 
 
 @needs("nonmatching", "stress")
@@ -138,10 +120,9 @@ def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
     one, other = (hhr.exact_condensation(full, nothing) for full in (kept, lean))
     assert not other.fields.measured_per_force.size
     for point in kept.parameters.random(3, 0):
-        exact, found = (model.solve(point, gradient=True).outputs() for model in (one, other))
+        exact, found = (model.outputs(point, gradient=True) for model in (one, other))
         assert found["stress"] == pytest.approx(exact["stress"], rel=1e-9)
-        slopes = exact.gradient["stress"]
-        np.testing.assert_allclose(found.gradient["stress"], slopes, atol=1e-7 * np.abs(slopes).max())
+        assert largest_difference(found.gradient["stress"], exact.gradient["stress"]) < 1e-7
 
 
 @needs("moduli")
@@ -164,58 +145,52 @@ def test_columns_that_are_asked_for_are_told_of(monkeypatch, caplog):
     assert "solved for and kept" in caplog.text
 
 
-class Counted:
+@pytest.fixture
+def counted(monkeypatch):
     """Columns that factors were asked for, and inverses between dofs that were eliminated last."""
+    columns, inverses = [], []
+    plain, between = sparse.FreeCholesky.solved_blocks, sparse.FreeCholesky.between_last
 
-    def __init__(self, monkeypatch):
-        self.count = 0
-        self.inverses = 0
-        plain = sparse.FreeCholesky.solved_blocks
-        between = sparse.FreeCholesky.between_last
+    def solved_blocks(factors, asked, *given, **how):
+        columns.append(asked.shape[1])
+        return plain(factors, asked, *given, **how)
 
-        def counted(factors, columns, *given, **how):
-            self.count += columns.shape[1]
-            return plain(factors, columns, *given, **how)
+    def between_last(factors, rows):
+        found = between(factors, rows)
+        inverses.append(found is not None)
+        return found
 
-        def counted_between(factors, rows):
-            found = between(factors, rows)
-            self.inverses += found is not None
-            return found
-
-        monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", counted)
-        monkeypatch.setattr(sparse.FreeCholesky, "between_last", counted_between)
+    monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", solved_blocks)
+    monkeypatch.setattr(sparse.FreeCholesky, "between_last", between_last)
+    return lambda: (sum(columns), sum(inverses))
 
 
 @needs("moduli", "nonmatching")
 @pytest.mark.parametrize("by_columns", [True, False])
-def test_s_is_made_once(monkeypatch, by_columns):
+def test_s_is_made_once(monkeypatch, by_columns, counted):
     """When it is first asked for; by a model with moduli, its bound and the full order together."""
     from hhr_dolfinx.plugins.moduli import condense
 
     if by_columns:
         monkeypatch.setattr(schur, "_library", lambda: None)
-    kept, lean = both(lambda: pressed_sphere(moduli=True), monkeypatch)
-    counted = Counted(monkeypatch)
+    kept, _ = both(lambda: pressed_sphere(moduli=True), monkeypatch)
+    begun = counted()
     lean = hhr.FullOrderModel(pressed_sphere(moduli=True), MPI.COMM_SELF)
-    mu = kept.parameters.middle
-    assert counted.count == counted.inverses == 0
+    mu = lean.parameters.middle
+    assert counted() == begun
     forces = hhr.condense(lean, fields=False).solve(mu).forces()
-    conditions, loads = lean.conditions, lean.problem.loads.shape[1]
-    least = conditions if by_columns else 0
-    assert least <= counted.count <= least + 2 * loads
-    inverses = 0 if by_columns else len(lean.problem.bodies)
-    assert counted.inverses == inverses
-    before = counted.count
-    model = hhr.condense(lean, fields=True)
-    answer = model.solve(mu)
-    exact = kept.solve(mu)
+    least, (before, inverses) = lean.conditions if by_columns else 0, counted()
+    assert least <= before - begun[0] <= least + 2 * lean.problem.loads.shape[1]
+    assert inverses - begun[1] == (0 if by_columns else len(lean.problem.bodies))
+    answer = hhr.condense(lean, fields=True).solve(mu)
     assert answer.estimate().kind == "bound" and answer.estimate().forces_euclid_relative < 1e-8
-    assert np.linalg.norm(answer.forces() - exact.forces()) < 1e-10 * np.linalg.norm(exact.forces())
     np.testing.assert_array_equal(forces, answer.forces())
     lean.solve(mu)
     # fields, a solution for each start and body, and random forces; not S once more
-    assert counted.count - before < 2 * condense.STARTS + 50 and not lean.stiffness.has_response
-    assert counted.inverses == inverses
+    assert counted()[0] - before < 2 * condense.STARTS + 50 and not lean.stiffness.has_response
+    assert counted()[1] == inverses
+    exact = kept.solve(mu).forces()
+    assert np.linalg.norm(forces - exact) < 1e-10 * np.linalg.norm(exact)
 
 
 @needs("moduli")
@@ -233,11 +208,10 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
     exact = [full.solve(point) for point in full.parameters.random(4, 1)]
     model = hhr.condense(full, fields=True)
     assert len(destroyed) >= 5  # of two components, where S is made, and its fields, and of the full model
-    for known in exact:
-        again = full.solve(known.parameter)
-        np.testing.assert_allclose(again.displacement(), known.displacement(), rtol=0, atol=1e-14)
-    for point in model.parameters.random(4, 1):
-        answer, known = model.solve(point), kept.solve(point)
+    for before in exact:
+        again = full.solve(before.parameter)
+        np.testing.assert_allclose(again.displacement(), before.displacement(), rtol=0, atol=1e-14)
+        answer, known = model.solve(before.parameter), kept.solve(before.parameter)
         np.testing.assert_allclose(answer.forces(), known.forces(), rtol=0, atol=1e-12 * known.forces().max())
         np.testing.assert_allclose(answer.displacement(), known.displacement(), rtol=0, atol=1e-10)
         assert answer.estimate().forces_euclid == pytest.approx(known.estimate().forces_euclid, rel=1e-3)
@@ -249,7 +223,7 @@ def test_a_check_says_what_a_large_scene_takes(tmp_path):
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     def told(cells):
-        scene = pressed_by_sphere((cells, cells // 2), (cells, cells // 2))
+        scene = sphere_on_block.scene(PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells, cells // 2))
         texts = [finding.text for finding in check_scene(scene).findings]
         return next(text for text in texts if "conditions of contact" in text)
 
@@ -309,21 +283,18 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     """
     from hhr_dolfinx.plugins.moduli import least_response
 
-    make = lambda: pressed_sphere(cells=12, moduli=True)  # noqa: E731
-    whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)
-    plain = sparse.FreeCholesky.solved_blocks
+    plain, between = sparse.FreeCholesky.solved_blocks, sparse.FreeCholesky.between_last
 
     def softer(factors, columns, *given, refined=False, **how):
         for place, block in plain(factors, columns, *given, refined=refined, **how):
             yield place, block if refined else block * (1 + part)
 
-    between = sparse.FreeCholesky.between_last
+    whole, lean = both(lambda: pressed_sphere(cells=12, moduli=True), monkeypatch)
+    exact_forces = [whole.solve(point).forces() for point in whole.parameters.random(4, 0)]
     monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", softer)
     monkeypatch.setattr(sparse.FreeCholesky, "between_last", lambda *given: between(*given) * (1 + part))
-    monkeypatch.setattr(full_order, "KEPT_BYTES", 0)
-    model = hhr.condense(hhr.FullOrderModel(make(), MPI.COMM_SELF), fields=True)
-    for point in whole.parameters.random(4, 0):
-        exact = whole.solve(point).forces()
+    model = hhr.condense(lean, fields=True)
+    for point, exact in zip(whole.parameters.random(4, 0), exact_forces, strict=True):
         answer = model.solve(point)
         error = np.linalg.norm(answer.forces() - exact) / np.linalg.norm(exact)
         known = answer.estimate().forces_euclid_relative

@@ -1,24 +1,25 @@
-"""The clock, and what it tells a logger of a long run."""
+"""The clock, and what it tells a logger of a long run; warnings that a block ignores or collects.
+
+A block takes those of its own thread alone, and they are heard again where they are repeated.
+"""
 
 import logging
-import subprocess
-import sys
+import threading
+import warnings
 
 import pytest
-from bare import WAIT
+from bare import python
 from scenes import pressed_block
+from threads import at_once
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import PairingWarning, SceneWarning
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.warn import collected, ignored, repeat, warn
 
 
-@pytest.fixture(scope="module")
-def training():
-    """Solutions of a pressed block."""
-    return hhr.train(pressed_block("plane_strain"), [8], held_out=20)
-
-
-def test_a_build_tells_its_stages(training, caplog):
+def test_a_build_tells_its_stages(caplog):
+    training = hhr.train(pressed_block("plane_strain"), [8], held_out=20)
     with caplog.at_level(logging.DEBUG, logger="hhr_dolfinx"):
         training.build()
     told = [(record.levelno, record.getMessage()) for record in caplog.records]
@@ -44,8 +45,8 @@ def test_nothing_is_printed_by_default():
         "with log.stage('rid'): pass\n"
         "log.skip('rid', 'why'); log.refuse('why', layers=1)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    done = python("-c", program)
+    assert (done.stdout, done.stderr) == ("", "")
 
 
 def test_a_stage_that_fails_is_timed_and_its_seconds_add_up():
@@ -54,3 +55,50 @@ def test_a_stage_that_fails_is_timed_and_its_seconds_add_up():
         with pytest.raises(ValueError, match="no"), log.stage("rid"):
             raise ValueError("no")
     assert log.times.keys() == {"rid"} and log.times["rid"] > 0
+
+
+def test_collected_warnings_are_silent_until_they_are_repeated():
+    with warnings.catch_warnings(action="error"):
+        with collected(SceneWarning) as found:
+            warn("of a scene", SceneWarning)
+            with pytest.raises(PairingWarning, match="of a pair"):
+                warn("of a pair", PairingWarning)
+    (item,) = found
+    assert item.category is SceneWarning and item.filename == __file__
+    with pytest.warns(SceneWarning, match="of a scene") as heard:
+        repeat(found)
+    assert (heard[0].filename, heard[0].lineno) == (item.filename, item.lineno)
+
+
+def test_what_is_repeated_is_taken_by_the_block_around():
+    with collected() as outer:
+        with collected() as inner:
+            warn("once", SceneWarning)
+        assert not outer
+        repeat(inner)
+    assert outer == inner
+
+
+def test_ignored_are_some_classes_and_sentences():
+    with warnings.catch_warnings(action="error"):
+        with ignored(SceneWarning, about="effect"):
+            warn("has no effect", SceneWarning)
+            with pytest.raises(SceneWarning):
+                warn("is odd", SceneWarning)
+
+
+def test_a_block_is_of_its_own_thread():
+    inside, outside = threading.Barrier(2), threading.Barrier(2)
+
+    def quiet():
+        with ignored(Warning):
+            inside.wait(timeout=20)
+            outside.wait(timeout=20)
+
+    def loud():
+        inside.wait(timeout=20)
+        with pytest.warns(SceneWarning):
+            warn("is heard", SceneWarning)
+        outside.wait(timeout=20)
+
+    at_once([quiet, loud])

@@ -1,27 +1,20 @@
-"""A user's own reductor gets comparison, refinement, record and file from the driver, which believes no claim."""
+"""A user's own reductors get comparison, refinement, record and file from the driver, which believes no claim."""
 
+import pickle
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from needs import needs
+from needs import needs, present
 from scenes import pressed_pair
+from toy_functional import SmoothPeak
 from toy_galerkin import Galerkin, GalerkinFields
+from toy_reductor import DenseCondensation
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx import registry
-from hhr_dolfinx.errors import (
-    ClaimError,
-    NotOfferedError,
-    OutsideTrainingError,
-    ReductionError,
-    SceneWarning,
-    StabilityWarning,
-    StudyError,
-    UncheckedWarning,
-    UnstableModelError,
-)
+from hhr_dolfinx import errors, registry
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.reduction import build as building
 from hhr_dolfinx.reduction.exact import ExactCondensation
@@ -30,11 +23,9 @@ from hhr_dolfinx.registry import Plugin, Stage, Way
 from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected, warn
 
-BODIES = (2.0, 0.3), (5.0, 0.3)
 
-
-def pair(bodies=BODIES, box=None, **changes):
-    return pressed_pair("plane_strain", bodies, {} if box is None else box, cells=3, **changes)
+def pair(cells=3, **changes):
+    return pressed_pair("plane_strain", ((2.0, 0.3), (5.0, 0.3)), cells=cells, **changes)
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +64,56 @@ def test_it_is_compared_and_refined(training, tmp_path):
     np.testing.assert_array_equal(again.solve(point).forces(), model.solve(point).forces())
 
 
+def test_dense_condensation_answers_as_the_full_order_does():
+    """Many at once, along a path and copied, beside an output of a user's own; check_reductor does all else."""
+    training = hhr.train(pair(outputs=(SmoothPeak("smooth", 0),)), hhr.Sobol(16), held_out=5)
+    model, points = training.build(DenseCondensation()), training.full_order.parameters.random(6, 3)
+    exact = np.array([training.full_order.solve(point).forces() for point in points])
+    for one in (model, pickle.loads(pickle.dumps(model))):
+        along = one.march([(float(k), point) for k, point in enumerate(points)]).answers
+        for found, known in ((one.solve_many(points).forces(), exact), ([a.forces() for a in along], exact[1:])):
+            assert (np.abs(found - known).max(axis=1) <= 1e-9 * known.max(axis=1)).all()
+
+
+def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):
+    with pytest.raises(ValueError, match="are more than 3"):
+        training.build(DenseCondensation(most=3))
+    for given, why in (
+        ("condensation", "is no recipe"),
+        (DenseCondensation, "DenseCondensation is a class, give a value"),
+    ):
+        with pytest.raises(errors.ReductionError, match=why):
+            training.build(given)
+    if present("moduli"):
+        from hhr_dolfinx.plugins.moduli.condense import Condensation
+
+        with pytest.raises(errors.ReductionError, match="does not depend on parameters"):
+            training.build(Condensation())
+
+
+def returning(found):
+    """A way to reduce that returns whatever it is given."""
+    return SimpleNamespace(reduced=lambda full, snapshots, held_out: found)
+
+
+def test_what_a_way_to_reduce_may_return(training):
+    """Models of the same scene, and nothing else."""
+    model = training.condense()
+    assert training.build(returning(model)) is model
+    other = hhr.FullOrderModel(pair(cells=4))
+    for found, why in ((None, "must return a model"), ("model", "must return a model"), (other, "of the same scene")):
+        with pytest.raises(errors.ReductionError, match=why):
+            training.build(returning(found))
+
+
 @needs("conformance")
-def test_it_keeps_the_contract():
+def test_it_keeps_the_contract_which_wrong_claims_break():
     from hhr_dolfinx.testing import check_reductor
 
     check_reductor(Galerkin(), [GalerkinFields])
+    for liar in LIES:
+        with pytest.raises(AssertionError, match="calls itself exact and is off by"):
+            check_reductor(liar, [Liar])
 
 
 @pytest.mark.parametrize("liar", LIES)
@@ -85,17 +121,8 @@ def test_it_keeps_the_contract():
 def test_a_claim_that_the_comparison_denies_is_refused_by_name(training, liar, held_out):
     """Without validation two fresh answers of the full model deny it: its own training, of all modes, would not."""
     apart = training if held_out else replace(training, held_out=None)
-    with pytest.raises(ClaimError, match="Lying: its model calls itself exact and is off by"):
+    with pytest.raises(errors.ClaimError, match="Lying: its model calls itself exact and is off by"):
         apart.build(liar)
-
-
-@needs("conformance")
-@pytest.mark.parametrize("liar", LIES)
-def test_a_claim_that_is_wrong_breaks_the_contract(liar):
-    from hhr_dolfinx.testing import check_reductor
-
-    with pytest.raises(AssertionError, match="calls itself exact and is off by"):
-        check_reductor(liar, [Liar])
 
 
 def test_a_claim_that_is_true_is_granted(training):
@@ -114,7 +141,7 @@ def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
     monkeypatch.setattr(Galerkin, "proposals", lambda self, search: Reductor.proposals(liar, search))
     # as if its own comparison had met none of its errors
     monkeypatch.setattr("hhr_dolfinx.reduction.reductor._check_claim", lambda *_: None)
-    with pytest.raises(StudyError, match="calls itself exact") as caught:
+    with pytest.raises(errors.StudyError, match="calls itself exact") as caught:
         hhr.reduce(pair(), 0.9, of="forces")
     assert all(row.outcome.startswith("refused: galerkin") for row in vars(caught.value)["reduction"].tried)
 
@@ -140,10 +167,10 @@ class Scripted(Galerkin):
         return self.script
 
     def attempt(self, prepared, level):
-        warn(f"the scene, seen by {level}", SceneWarning)
-        warn(f"the model of {level}", StabilityWarning)
+        warn(f"the scene, seen by {level}", errors.SceneWarning)
+        warn(f"the model of {level}", errors.StabilityWarning)
         if self.script[level] is None:
-            raise UnstableModelError(f"{level} is refused")
+            raise errors.UnstableModelError(f"{level} is refused")
         return super().attempt(prepared, 1e-8)
 
     def off(self, comparison):
@@ -165,14 +192,14 @@ def test_warnings_of_the_scene_survive_refused_attempts(training):
 
 
 def test_warnings_of_the_scene_survive_if_all_is_refused(training):
-    with collected() as caught, pytest.raises(UnstableModelError, match="two is refused"):
+    with collected() as caught, pytest.raises(errors.UnstableModelError, match="two is refused"):
         training.build(Scripted(script={"one": None, "two": None}))
     assert {"the scene, seen by one", "the scene, seen by two"} <= {str(item.message) for item in caught}
 
 
 def test_the_best_attempt_is_returned_if_none_is_good_enough(training, monkeypatch):
-    errors = iter([3.0, 2.0, 5.0])
-    monkeypatch.setattr(Scripted, "off", lambda self, comparison: next(errors))
+    off = iter([3.0, 2.0, 5.0])
+    monkeypatch.setattr(Scripted, "off", lambda self, comparison: next(off))
     model, texts = said(training, dict.fromkeys("abc", 1.0))
     assert model.offline.level == "b" and "the model of b" in texts and "the model of a" not in texts
     assert len(model.offline.log.refused) == 3
@@ -180,15 +207,15 @@ def test_the_best_attempt_is_returned_if_none_is_good_enough(training, monkeypat
 
 def test_an_error_that_is_no_refusal_ends_the_loop_with_its_warnings():
     def make(candidate):
-        warn("of the scene", SceneWarning)
+        warn("of the scene", errors.SceneWarning)
         raise ValueError(candidate)
 
-    with pytest.warns(SceneWarning, match="of the scene"), pytest.raises(ValueError, match="one"):
-        list(outcomes(["one", "two"], make, (UnstableModelError,)))
+    with pytest.warns(errors.SceneWarning, match="of the scene"), pytest.raises(ValueError, match="one"):
+        list(outcomes(["one", "two"], make, (errors.UnstableModelError,)))
 
 
 def test_a_reductor_that_does_not_condense_is_no_condensation(training):
-    with pytest.raises(NotOfferedError, match="Galerkin does not condense"):
+    with pytest.raises(errors.NotOfferedError, match="Galerkin does not condense"):
         Galerkin.usual(None, fields=None)
 
 
@@ -206,20 +233,19 @@ COUNTED = []
 def test_a_plug_in_adds_a_stage(training, monkeypatch):
     last = "hhr_dolfinx.reduction.build:assemble"
     stages = (Stage("test_toy_galerkin:counted", last), Stage("missing:never", last, lambda full, recipe: False))
-    monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=stages)})
     COUNTED.clear()
+    monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=stages)})
     training.build()
     assert len(COUNTED) == 1
     lost = (Stage("test_toy_galerkin:counted", "missing:stage"),)
     monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=lost)})
-    with pytest.raises(ReductionError, match="comes after missing:stage"):
+    with pytest.raises(errors.ReductionError, match="comes after missing:stage"):
         training.build()
 
 
 def test_a_scene_loads_the_stages_that_it_wants(training):
-    recipe = building.usual_recipe(training.full_order)
-    places = [place.partition(":")[2] for place in building.stages_of(training.full_order, recipe)]
-    assert places == [
+    places = building.stages_of(training.full_order, building.usual_recipe(training.full_order))
+    assert [place.partition(":")[2] for place in places] == [
         "choose_domain", "enrich_basis", "project_problem", "assess_projection", "check_constants", "reconstruct",
         "assemble", "start_along",
     ]  # fmt: skip
@@ -227,12 +253,11 @@ def test_a_scene_loads_the_stages_that_it_wants(training):
 
 def test_a_range_and_a_missing_validation_count_for_anybody(training):
     """The driver limits models that say nothing of their range, and warns where nothing was held out."""
-    with pytest.warns(UncheckedWarning):
+    with pytest.warns(errors.UncheckedWarning):
         model = hhr.build(training.full_order, training.snapshots, Galerkin())
     assert isinstance(model.trained, TrainedRange)
     space = model.parameters
     low, high = np.array(model.trained.lower), np.array(model.trained.upper)
     assert (low > space.lower).any() or (high < space.upper).any()
-    outside = np.where(high < space.upper, space.upper, space.lower)
-    with pytest.raises(OutsideTrainingError):
-        model.solve(outside, outside="refuse")
+    with pytest.raises(errors.OutsideTrainingError):
+        model.solve(np.where(high < space.upper, space.upper, space.lower), outside="refuse")
