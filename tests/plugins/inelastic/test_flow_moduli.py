@@ -39,16 +39,6 @@ def push(*moduli, steps=4):
     return [(float(s), np.array([0.005 + 0.045 * s, 0.01 * s, 0.05 * s, 0.001, *moduli])) for s in shares]
 
 
-def test_in_space_and_where_a_load_imposes_displacements():
-    varying = hhr.FullOrderModel(blocks("E1", "2 * E2"))
-    numbers = hhr.FullOrderModel(blocks(3.7, 6.2, materials={}))
-    one, other = varying.march(push(3.7, 3.1)), numbers.march(push())
-    assert one.answers[-1].plastic_strain().max() > 1e-3 and one.answers[-1].forces().max() > 0
-    assert max(apart(one, other, EVERY)) < 1e-10
-    assert max(apart(varying.march(push(2.7, 3.1)), other)) > 1e-3
-    assert np.array_equal(varying.march(push(3.7, 3.1)).answers[-1].unknown, one.answers[-1].unknown)
-
-
 def glued(first, second, materials):
     """One column of two layers that hang together, on a rigid floor: both moduli act on the nodes between."""
 
@@ -73,24 +63,29 @@ def pressed(*moduli):
     return [(float(k), np.array([0.02 * k, *moduli])) for k in range(5)]
 
 
-def test_bodies_that_hang_together_are_factored_anew():
-    varying = hhr.FullOrderModel(glued("E1", "E2", MATERIALS))
-    assert varying.system.bodies is None
-    numbers = hhr.FullOrderModel(glued(3.7, 6.2, {}))
+@pytest.mark.parametrize(
+    ("make", "formulas", "numbers", "path", "point", "other", "parts"),
+    [(blocks, ("E1", "2 * E2"), (3.7, 6.2), push, (3.7, 3.1), (2.7, 3.1), 2),
+     (glued, ("E1", "E2"), (3.7, 6.2), pressed, (3.7, 6.2), (2.1, 2.2), None),
+     (glued, ("E1", "E1"), (3.7, 3.7), pressed, (3.7,), (2.1,), 1)],
+    ids=["in space, where a load imposes displacements", "bodies that hang together", "a common formula"],
+)  # fmt: skip
+def test_formulas_of_moduli_are_the_numbers(make, formulas, numbers, path, point, other, parts):
+    """Bodies that hang together are factored anew, also while factors of another point are at hand."""
+    box = {name: MATERIALS[name] for name in ("E1", "E2")[: len(point)]}
+    varying, plain = (
+        hhr.FullOrderModel(make(*formulas, materials=box)),
+        hhr.FullOrderModel(make(*numbers, materials={})),
+    )
+    assert parts == (None if varying.system.bodies is None else len(varying.problem.moduli))
     for search in ("frozen", "elastic"):
         settings = hhr.MarchSettings(search, iterations=300)
+        expected = plain.march(path(), settings)
         for _ in range(2):
-            varying.march(pressed(2.1, 2.2), settings)  # whose factors are then at hand
-            one, other = varying.march(pressed(3.7, 6.2), settings), numbers.march(pressed(), settings)
-            assert one.answers[-1].plastic_strain().max() > 1e-3
-            assert max(apart(one, other, EVERY)) < 1e-10
-
-
-def test_a_common_formula_makes_one_part():
-    varying = hhr.FullOrderModel(glued("E1", "E1", {"E1": (2.0, 4.0)}))
-    assert len(varying.problem.moduli) == 1 and varying.system.bodies is not None
-    numbers = hhr.FullOrderModel(glued(3.7, 3.7, {}))
-    assert max(apart(varying.march(pressed(3.7)), numbers.march(pressed()), EVERY)) < 1e-10
+            assert max(apart(varying.march(path(*other), settings), expected)) > 1e-3
+            one = varying.march(path(*point), settings)
+            assert one.answers[-1].plastic_strain().max() > 1e-3 and one.answers[-1].forces().max() > 0
+            assert max(apart(one, expected, EVERY)) < 1e-10
 
 
 def test_what_is_not_built_in():
