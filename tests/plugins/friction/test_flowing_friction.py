@@ -70,16 +70,6 @@ def test_all_searches_find_the_same():
             np.testing.assert_allclose(two.slip.path, one.slip.path, atol=1e-8)
 
 
-def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
-    full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
-    path = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((1.0 + k, (0.03, 0.02 * k)) for k in range(1, 6))]
-    answer = full.march(path).answers[-1]
-    assert answer.plastic_strain().max() > 0.005
-    assert set(answer.slip.statuses.tolist()) == {2}
-    pressure, shear = resultants(full, answer)
-    assert shear == pytest.approx(0.1 * pressure, rel=1e-9)
-
-
 def test_friction_of_a_single_parameter_is_that_of_the_point():
     """Parts of a step that is cut have the coefficient of its end, and none is outside what was trained."""
     box = {"f": (0.0, 0.6)}
@@ -96,14 +86,20 @@ def test_friction_of_a_single_parameter_is_that_of_the_point():
     assert np.isnan(plain.coupling(point))
 
 
-def test_a_large_step_slips_as_small_ones_do():
-    """Where all of it slips one way; 4e-4 of forces and 9e-4 of slip were measured."""
+def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
+    """In one step as in small ones; 4e-4 of forces and 9e-4 of slip were measured."""
     full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
-    coarse = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.1))]).answers[-1]
-    fine = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((1 + 0.1 * k, (0.03, 0.01 * k)) for k in range(1, 11))])
-    last = fine.answers[-1]
-    assert resultants(full, coarse) == pytest.approx(resultants(full, last), rel=2e-3)
-    assert coarse.slip.path.sum() == pytest.approx(last.slip.path.sum(), rel=4e-3)
+    pressed = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0))]
+    coarse, fine = (
+        full.march([*pressed, *((1 + k / steps, (0.03, 0.1 * k / steps)) for k in range(1, steps + 1))]).answers[-1]
+        for steps in (1, 10)
+    )
+    for answer in (coarse, fine):
+        assert answer.plastic_strain().max() > 0.005 and set(answer.slip.statuses.tolist()) == {2}
+        pressure, shear = resultants(full, answer)
+        assert shear == pytest.approx(0.1 * pressure, rel=1e-9)
+    assert pressure == pytest.approx(resultants(full, coarse)[0], rel=2e-3)
+    assert coarse.slip.path.sum() == pytest.approx(fine.slip.path.sum(), rel=4e-3)
 
 
 @pytest.fixture(scope="module")
