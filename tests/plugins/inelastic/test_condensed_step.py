@@ -170,12 +170,6 @@ def test_steps_of_all_sizes_are_solved(pellet):
             assert answer.converged and np.isfinite(answer.displacement()).all()
 
 
-def pair(first, second, **others):
-    """Two blocks that both flow, with moduli of their own."""
-    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
-    return hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3, **others))
-
-
 @pytest.mark.parametrize(
     ("first", "second"),
     [(hhr.Plasticity(0.05, 0.0), None), (hhr.Norton(0.05, 20.0), hhr.Norton(2.0, 1.0)),
@@ -185,7 +179,9 @@ def pair(first, second, **others):
 def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
     """Random walks through the box at any pace: R, gaps and signs of forces, by other code than that of the steps."""
     monkeypatch.setattr(small_strains, "MOST", small_strains.RUNAWAY)  # some creep farther than small strains mean
-    full, rng = pair(first, second), np.random.default_rng(0)
+    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3))
+    rng = np.random.default_rng(0)
     corners = [full.march(push(*moduli, steps=5), TIGHT) for moduli in ((2.0, 2.0), (4.0, 9.0), (2.0, 9.0))]
     model = condensed(full, corners)
     low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)

@@ -118,13 +118,6 @@ def test_most_points():
     assert 1e-6 < few.misfit < 0.5
 
 
-def test_same_answer_twice():
-    rows = smooth(30, 1500)
-    first, second = fitted(rows, 1e-4), fitted(rows.copy(), 1e-4)
-    assert (first.points == second.points).all()
-    assert (first.weights == second.weights).all()
-
-
 @pytest.mark.parametrize(
     ("rows", "options", "words"),
     [

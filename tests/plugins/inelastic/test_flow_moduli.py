@@ -110,25 +110,6 @@ def test_what_is_not_built_in():
         Material([Group(np.arange(1), "F", 0.3, law)], 4, ("E",))
 
 
-def test_a_material_has_the_numbers_of_a_point():
-    names, law = ("E", "s"), hhr.Plasticity("s", 2.0)
-    material = Material([Group(np.arange(2), "2 * E", 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
-    point = np.array([3.0, 7.0])
-    elastic, whole = material.moduli_at(point), material.at(point)
-    assert [group.young for group in elastic.groups] == [6.0, 5.0] == [group.young for group in whole.groups]
-    assert elastic.groups[0].law == law and whole.groups[0].law == hhr.Plasticity(7.0, 2.0)
-    expected = Material([Group(np.arange(2), 6.0, 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
-    assert np.array_equal(elastic.elastic, expected.elastic) and np.array_equal(whole.elastic, expected.elastic)
-    assert elastic.moduli_at(-point) is elastic
-    assert material.moduli_at(np.array([3.0, 8.0])) is elastic and material.at(point) is whole
-    assert material.constants(point) == [{"young": 6.0, "yield_stress": 7.0}, {}]
-    assert material.at(np.array([4.0, 7.0])).groups[0].young == 8.0
-    assert whole.at(-point) is whole and whole.elastic is whole.at(-point).elastic
-    assert material.restricted(np.array([1])).at(point).groups[0].law == hhr.Plasticity(7.0, 2.0)
-    constant = Material([Group(np.arange(2), 5.0, 0.2, law)], 4, names)
-    assert constant.at(point).elastic is constant.elastic
-
-
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_where_nothing_flows_it_is_the_elastic_scene(hypothesis):
     """Nearly incompressible, so that elastic bodies too take the mean dilatation: to round-off, measured 1e-14."""

@@ -9,7 +9,6 @@ import varied
 from bare import python
 from marched import flat
 from test_plastic import axial, bar, whole_history
-from toy_law import Bingham
 from tubes import YOUNG
 from varied import path
 
@@ -167,12 +166,6 @@ def test_a_law_of_a_users_own_takes_formulas(tmp_path):
 def test_laws_that_are_impossible_somewhere_name_their_body(law, message):
     with pytest.raises(SceneError, match=rf"body \d+ of scene 'bar': .*{message}"):
         hhr.FullOrderModel(bar(law, T=WARM))
-
-
-def test_a_law_that_refuses_texts_says_so():
-    """A law of a user's own that looks at its numbers must let texts pass."""
-    with pytest.raises(TypeError, match="str"):
-        Bingham("sy", 1.0)
 
 
 def test_derivatives_at_the_end_of_a_table():

@@ -11,7 +11,6 @@ from tubes import POISSON, YOUNG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
-from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
@@ -143,24 +142,6 @@ def test_a_trial_that_is_not_finite_is_not_blamed_on_norton():
 def test_right_slopes_are_not_doubted(name):
     """Differences of the laws here agree to 1e-6; the warning is an error in tests."""
     hhr.FullOrderModel(bar(LAWS[name])).march([(k / 4, np.array([0.01 * k / 4])) for k in range(5)])
-
-
-def test_a_material_is_made_of_plain_arrays_and_laws():
-    """Rebuilt from numbers and the names of its laws it answers alike to the last bit."""
-    laws = [None, *LAWS.values(), Bingham(1.0, 20.0)]
-    strain, old = some_states(7, 70)
-    order = np.random.default_rng(0).permutation(70).reshape(len(laws), -1)
-    groups = [Group(order[k], YOUNG * (k + 1), POISSON, law) for k, law in enumerate(laws)]
-    known = by_name([Plasticity, Norton, Bingham, type(LAWS["voce"])])
-    again = [
-        Group(group.indices, group.young, group.poisson, group.law and restored(*as_plain(group.law), known))
-        for group in Material(groups, 4).groups
-    ]
-    ours, theirs = (Material(parts, 4).update(strain, old, 0.1, tangent=True) for parts in (groups, again))
-    assert again[1].law is not groups[1].law
-    parts = ((update.stress, *update.state, update.tangents) for update in (ours, theirs))
-    for one, other in zip(*parts, strict=True):
-        assert np.array_equal(one, other)
 
 
 @pytest.mark.parametrize("indices", [[[0, 1], [1, 2]], [[0, 1], [3]], [[-1, 0]], [[1, 2]]])
