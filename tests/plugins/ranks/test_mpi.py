@@ -25,7 +25,7 @@ from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
-out = {{}}
+out, pairing = {{}}, hhr.Mortar if present("mortar") else hhr.NodeToSurface
 def note(name, answer):
     out[f"{{name}}, forces"] = answer.forces().tolist()
     out[f"{{name}}, norm"] = float(np.linalg.norm(answer.displacement()))
