@@ -15,8 +15,6 @@ from test_reduced_friction import BOX, OUTPUTS, paths
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
 from hhr_dolfinx.plugins.friction import rubbing_flow
-from hhr_dolfinx.plugins.friction.laws import SlipState
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.inelastic.state import flowed
 
@@ -37,23 +35,18 @@ def bodies(yield_stress: float) -> tuple[hhr.Body, ...]:
 
 
 def test_where_nothing_yields_it_is_friction_of_elastic_bodies():
-    """On the same S, which that of a scene without laws is not: bodies that flow have cells of their own."""
-    full = hhr.FullOrderModel(rubbing(0.3, bodies=bodies(1e6)), MPI.COMM_SELF)
-    problem, friction = full.problem, full.law
-    contact = SlidingContact(full.schur, friction)
-    slip, forces = SlipState.at_rest(friction), np.zeros(full.conditions)
-    for answer, (_, point) in zip(full.march(PATH).answers, PATH[1:], strict=True):
-        theta = problem.amplitudes(np.array(point))
-        slack = problem.gaps @ theta - problem.contact @ full.stiffness.solve(problem.loads @ theta)
-        slack[friction.tangential] -= slip.position
-        given = Increment(slack, *friction.bounds(np.array(point)), np.zeros(0))
-        found = contact.increment(given, forces)
-        forces = found.forces
-        slip = slip.after(friction, forces, found.slack, found.active, given.bounds(friction, forces))
-        np.testing.assert_allclose(answer.multipliers, forces, atol=1e-9 * np.abs(full.schur).max())
-        pressed = slip.pressure > 1e-6 * full.problem.contact_areas[friction.normal]
-        np.testing.assert_array_equal(answer.slip.statuses[pressed], slip.statuses[pressed])
-        np.testing.assert_allclose(answer.slip.work, slip.work, atol=1e-12)
+    """Nearly incompressible, so that elastic bodies too take the mean dilatation: S is the same."""
+    elastic, plastic = (
+        hhr.FullOrderModel(
+            rubbing(0.3, bodies=(hhr.Body(FIRST, 3.0, 0.46), hhr.Body(SECOND, 5.0, 0.46, law))), MPI.COMM_SELF
+        )
+        for law in (None, hhr.Plasticity(1e6, 0.5))
+    )
+    for found, one in zip(plastic.march(PATH).answers, elastic.march(PATH).answers, strict=True):
+        np.testing.assert_allclose(found.multipliers, one.multipliers, atol=1e-9 * np.abs(plastic.schur).max())
+        pressed = one.slip.pressure > 1e-6 * elastic.problem.contact_areas[elastic.law.normal]
+        np.testing.assert_array_equal(found.slip.statuses[pressed], one.slip.statuses[pressed])
+        np.testing.assert_allclose(found.slip.work, one.slip.work, atol=1e-12)
 
 
 def test_all_searches_find_the_same():
@@ -68,16 +61,6 @@ def test_all_searches_find_the_same():
             np.testing.assert_allclose(two.multipliers, one.multipliers, atol=1e-7 * np.abs(one.multipliers).max())
             np.testing.assert_array_equal(two.slip.statuses, one.slip.statuses)
             np.testing.assert_allclose(two.slip.path, one.slip.path, atol=1e-8)
-
-
-def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
-    full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
-    path = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((1.0 + k, (0.03, 0.02 * k)) for k in range(1, 6))]
-    answer = full.march(path).answers[-1]
-    assert answer.plastic_strain().max() > 0.005
-    assert set(answer.slip.statuses.tolist()) == {2}
-    pressure, shear = resultants(full, answer)
-    assert shear == pytest.approx(0.1 * pressure, rel=1e-9)
 
 
 def test_friction_of_a_single_parameter_is_that_of_the_point():
@@ -96,14 +79,20 @@ def test_friction_of_a_single_parameter_is_that_of_the_point():
     assert np.isnan(plain.coupling(point))
 
 
-def test_a_large_step_slips_as_small_ones_do():
-    """Where all of it slips one way; 4e-4 of forces and 9e-4 of slip were measured."""
+def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
+    """In one step as in small ones; 4e-4 of forces and 9e-4 of slip were measured."""
     full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
-    coarse = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.1))]).answers[-1]
-    fine = full.march([(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((1 + 0.1 * k, (0.03, 0.01 * k)) for k in range(1, 11))])
-    last = fine.answers[-1]
-    assert resultants(full, coarse) == pytest.approx(resultants(full, last), rel=2e-3)
-    assert coarse.slip.path.sum() == pytest.approx(last.slip.path.sum(), rel=4e-3)
+    pressed = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0))]
+    coarse, fine = (
+        full.march([*pressed, *((1 + k / steps, (0.03, 0.1 * k / steps)) for k in range(1, steps + 1))]).answers[-1]
+        for steps in (1, 10)
+    )
+    for answer in (coarse, fine):
+        assert answer.plastic_strain().max() > 0.005 and set(answer.slip.statuses.tolist()) == {2}
+        pressure, shear = resultants(full, answer)
+        assert shear == pytest.approx(0.1 * pressure, rel=1e-9)
+    assert pressure == pytest.approx(resultants(full, coarse)[0], rel=2e-3)
+    assert coarse.slip.path.sum() == pytest.approx(fine.slip.path.sum(), rel=4e-3)
 
 
 @pytest.fixture(scope="module")
@@ -160,8 +149,7 @@ def test_condensed_flow_of_its_training_is_the_full_order(training, condensed):
 def test_newtons_slope_is_that_of_the_residual(condensed):
     """Where bodies flow and contacts stick and slip: else steps would take many iterations."""
     equilibrium = condensed.equilibrium
-    path = paths(1, 37, condensed.parameters)[0]
-    answers = condensed.march(path).answers
+    answers = condensed.march(paths(1, 37, condensed.parameters)[0]).answers
     before, here = next(
         (one, other) for one, other in itertools.pairwise(answers)
         if other.slip.statuses.max() == 2 and other.plastic_strain().max() > one.plastic_strain().max() + 1e-4
@@ -171,8 +159,8 @@ def test_newtons_slope_is_that_of_the_residual(condensed):
     theta = equilibrium.amplitudes(here.parameter)
     slack = equilibrium.gaps(theta).copy()
     slack[condensed.law.tangential] -= before.slip.position
-    bounds = condensed.law.bounds(here.parameter)
-    load = rubbing_flow._Load(slack, equilibrium.free_strain @ theta, *bounds, before.state().state, 1.0)
+    given = slack, equilibrium.free_strain @ theta, *condensed.law.bounds(here.parameter)
+    load = rubbing_flow._Load(*given, before.state().state, 1.0)
     correction = here.unknown[: equilibrium.modes]
     at = stepper._tried(load, material, correction, here.multipliers, here.active)
     slope = stepper._slope(load, at)

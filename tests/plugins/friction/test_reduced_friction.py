@@ -185,21 +185,16 @@ def test_moduli_are_eliminated_once_along_a_path():
     assert np.linalg.norm(found.forces() - exact.forces()) < 1e-3 * np.linalg.norm(exact.forces())
 
 
-def test_too_few_modes_for_what_sticks_are_refused():
-    """A body that contact alone holds: modes without its motions must tell the forces of all rows apart."""
-    full = contract.rubbing("floating")
-    history = full.march([(0.0, [0.01]), (1.0, [0.05])])
-    recipe = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
-    with pytest.raises(NotSolvableError, match="friction has several answers: enrich the basis"):
-        hhr.build(full, hhr.SnapshotSet.of_histories([history, history]), recipe)
+def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
+    """A body that contact alone holds: modes without its motions must tell the forces of all rows apart.
 
-
-def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
-    """Where its first one leaves forces that stick undetermined; the model then answers as the full order."""
-    full = contract.rubbing("floating")
-    path = [(0.0, [0.01]), (1.0, [0.05])]
+    The usual recipe takes the enrichment that it advises then, and the model answers as the full order.
+    """
+    full, path = contract.rubbing("floating"), [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
     small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
+    with pytest.raises(NotSolvableError, match="friction has several answers: enrich the basis"):
+        hhr.build(full, histories, small)
     monkeypatch.setattr("hhr_dolfinx.plugins.friction.reduction.with_friction", lambda: small)
     model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1

@@ -1,27 +1,21 @@
-"""Steps of condensed flow: compiled kernels beside plain ones, steps of all sizes, and laws of a user's own."""
+"""Steps of condensed flow: compiled kernels beside plain ones, and steps of all sizes."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
+from condensing import QUIET, TIGHT, apart, condensed, pressures, up
 from needs import needs
 from scenes import pressed_pair
 from test_flow_moduli import MATERIALS, push
-from toy_law import Bingham
 from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.errors import (
-    ConvergenceError,
-    OutsideTrainingError,
-    SceneError,
-)
+from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.inelastic import condensed_step, small_strains
-from hhr_dolfinx.plugins.inelastic import condensed_step as codes
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.update import kernel_of
 
@@ -104,8 +98,7 @@ def derivative_error(model, kinds, constants, seed):
     """J of a compiled step beside central differences of R, at a random state and correction."""
     rng, arrays = np.random.default_rng(seed), model.step_model
     points, components, conditions = model.points.size, model.flow.components, model.conditions
-    work = Work.of(model.modes, conditions, points, components)
-    elastic = Work.of(model.modes, conditions, points, components)
+    work, elastic = (Work.of(model.modes, conditions, points, components) for _ in range(2))
     plastic = 1e-3 * rng.standard_normal((components, points))
     plastic[:3] -= plastic[:3].mean(axis=0)
     slack = rng.standard_normal(conditions) * np.abs(model.flow.moved).max() * 1e-2
@@ -116,7 +109,7 @@ def derivative_error(model, kinds, constants, seed):
     size = 5e-3 / np.abs(model.flow.per_mode).max()
 
     def residual(correction):
-        work.numbers[codes.LINEAR] = codes.NO_TANGENT
+        work.numbers[condensed_step.LINEAR] = condensed_step.NO_TANGENT
         work.there[:] = correction
         # one evaluation and no more: the residual and J there are what is left behind
         condensed_step.solve(arrays, load, work, kinds, constants, 1e-300, 1)
@@ -141,10 +134,8 @@ def derivative_error(model, kinds, constants, seed):
 def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
     """Several statuses, plasticity and creep; a difference may cross the onset of flow at some point."""
     model = (tubes if which == "tube" else pellet)[2].equilibrium
-    kernels = [kernel_of(group.law) for group in model.material.groups]
-    kinds, constants = np.array([kind for kind, _ in kernels]), np.array([values for _, values in kernels])
-    found = [derivative_error(model, kinds, constants, seed) for seed in range(12)]
-    errors, counts = zip(*found, strict=True)
+    kinds, constants = map(np.array, zip(*(kernel_of(group.law) for group in model.material.groups), strict=True))
+    errors, counts = zip(*(derivative_error(model, kinds, constants, seed) for seed in range(12)), strict=True)
     assert np.median(errors) < 1e-5 and np.sort(errors)[-3] < 1e-3
     assert len(set(counts)) > 1
 
@@ -182,12 +173,6 @@ def test_steps_of_all_sizes_are_solved(pellet):
             assert answer.converged and np.isfinite(answer.displacement()).all()
 
 
-def pair(first, second, **others):
-    """Two blocks that both flow, with moduli of their own."""
-    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
-    return hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3, **others))
-
-
 @pytest.mark.parametrize(
     ("first", "second"),
     [(hhr.Plasticity(0.05, 0.0), None), (hhr.Norton(0.05, 20.0), hhr.Norton(2.0, 1.0)),
@@ -197,7 +182,9 @@ def pair(first, second, **others):
 def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
     """Random walks through the box at any pace: R, gaps and signs of forces, by other code than that of the steps."""
     monkeypatch.setattr(small_strains, "MOST", small_strains.RUNAWAY)  # some creep farther than small strains mean
-    full, rng = pair(first, second), np.random.default_rng(0)
+    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3))
+    rng = np.random.default_rng(0)
     corners = [full.march(push(*moduli, steps=5), TIGHT) for moduli in ((2.0, 2.0), (4.0, 9.0), (2.0, 9.0))]
     model = condensed(full, corners)
     low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)
@@ -247,88 +234,3 @@ def test_a_step_that_fails_says_what_was_tried(tubes):
     assert history.cuts > 0 and len(history.answers) == 2
     expected = model.march(up(0.9, 2), QUIET)
     assert apart(history, expected)[0] < 1e-2
-
-
-@dataclasses.dataclass(frozen=True)
-class Own:
-    """Linear hardening of a user's own, which may answer nonsense as soon as anything flows."""
-
-    yield_stress: float
-    hardening: float
-    answer: object = None
-
-    def flow(self, trial, plastic_strain, shear, dt):
-        over = trial - self.yield_stress - self.hardening * plastic_strain
-        slope = 1 / (3 * shear + self.hardening)
-        found = np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
-        return self.answer(trial, plastic_strain, *found) if self.answer and (over > 0).any() else found
-
-
-def with_law(model, law):
-    """The same condensed model with another law at its points."""
-    groups = tuple(dataclasses.replace(group, law=law) for group in model.flow.groups)
-    return model.changed(flow=dataclasses.replace(model.flow, groups=groups))
-
-
-def test_laws_of_a_users_own_answer_as_compiled_ones(tubes):
-    """The same hardening stated by the user, and perfect plasticity as a Bingham body without viscosity."""
-    model = tubes[2]
-    for ours, theirs in (((1.0, 5.0), Own(1.0, 5.0)), ((1.0, 0.0), Bingham(1.0, 0.0))):
-        compiled = with_law(model, hhr.Plasticity(*ours))
-        one, other = compiled.march(cycle(0.75), FINE), with_law(model, theirs).march(cycle(0.75), FINE)
-        assert one.answers[-1].plastic_strain().any() and one.iterations == other.iterations
-        for here, there in zip(one.answers, other.answers, strict=True):
-            assert here.unknown == pytest.approx(there.unknown, abs=1e-10 * np.abs(one.answers[-1].unknown).max())
-            assert here.stress() == pytest.approx(there.stress(), abs=1e-10)
-
-
-def _raises(kind):
-    def answer(*given):
-        raise kind("no way")
-
-    return answer
-
-
-def _writes(trial, cumulated, amount, slope):
-    cumulated[:] = 7.0
-    return amount, slope
-
-
-NONSENSE = {
-    "raises": (_raises(RuntimeError), SceneError, "failed with RuntimeError: no way"),
-    "overflows": (_raises(ZeroDivisionError), ConvergenceError, "Own.*found no flow in a step of .* no way"),
-    "is not finite": (lambda q, p, a, b: (a * np.nan, b), ConvergenceError, "Own.* flows by nan"),
-    "has no slope": (lambda q, p, a, b: (a, b * np.nan), ConvergenceError, "Own.* has the slope nan"),
-    "turns the stress round": (lambda q, p, a, b: (1e6 * a, b), ConvergenceError, "Own.* flows by .* was expected"),
-    "flows back": (lambda q, p, a, b: (-a, b), ConvergenceError, "Own.* flows by -"),
-    "is a number": (lambda q, p, a, b: (0.0, 0.0), ConvergenceError, "must answer with a flow and a slope of shape"),
-    "is too short": (lambda q, p, a, b: (a[1:], b[1:]), ConvergenceError, "must answer with .* of shape"),
-    "is a table": (lambda q, p, a, b: (a[None], b[None]), ConvergenceError, "must answer with .* of shape"),
-    "is nothing": (lambda q, p, a, b: None, SceneError, "answered None"),
-    "is complex": (lambda q, p, a, b: (1j * a, b), SceneError, "must return two arrays of numbers"),
-    "writes": (_writes, SceneError, "read-only"),
-}
-
-
-@pytest.mark.parametrize("case", NONSENSE)
-def test_a_law_that_answers_nonsense_is_named(tubes, case):
-    """The steps before are kept as they were."""
-    answer, kind, message = NONSENSE[case]
-    model, path = with_law(tubes[2], Own(1.0, 5.0, answer)), up(0.85)
-    with pytest.raises(kind, match=message) as caught:
-        model.march(path, QUIET)
-    done = caught.value.history.answers
-    expected = tubes[2].march(path, QUIET).answers
-    assert 0 < len(done) < len(expected)
-    for here, there in zip(done, expected, strict=False):
-        assert here.unknown == pytest.approx(there.unknown, abs=1e-14)
-        assert not here.plastic_strain().any()
-
-
-def test_a_wrong_slope_costs_iterations_alone(tubes):
-    model = with_law(tubes[2], Own(1.0, 5.0, lambda q, p, a, b: (a, 0.3 * b)))
-    with pytest.warns(hhr.errors.LawWarning, match="the slope of Own"):
-        history = model.march(up(0.85), FINE)
-    exact = tubes[2].march(up(0.85), FINE)
-    assert sum(history.iterations) > sum(exact.iterations)
-    assert apart(history, exact)[0] < 1e-8

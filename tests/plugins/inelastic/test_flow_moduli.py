@@ -40,16 +40,6 @@ def push(*moduli, steps=4):
     return [(float(s), np.array([0.005 + 0.045 * s, 0.01 * s, 0.05 * s, 0.001, *moduli])) for s in shares]
 
 
-def test_in_space_and_where_a_load_imposes_displacements():
-    varying = hhr.FullOrderModel(blocks("E1", "2 * E2"))
-    numbers = hhr.FullOrderModel(blocks(3.7, 6.2, materials={}))
-    one, other = varying.march(push(3.7, 3.1)), numbers.march(push())
-    assert one.answers[-1].plastic_strain().max() > 1e-3 and one.answers[-1].forces().max() > 0
-    assert max(apart(one, other, EVERY)) < 1e-10
-    assert max(apart(varying.march(push(2.7, 3.1)), other)) > 1e-3
-    assert np.array_equal(varying.march(push(3.7, 3.1)).answers[-1].unknown, one.answers[-1].unknown)
-
-
 def glued(first, second, materials):
     """One column of two layers that hang together, on a rigid floor: both moduli act on the nodes between."""
 
@@ -74,24 +64,29 @@ def pressed(*moduli):
     return [(float(k), np.array([0.02 * k, *moduli])) for k in range(5)]
 
 
-def test_bodies_that_hang_together_are_factored_anew():
-    varying = hhr.FullOrderModel(glued("E1", "E2", MATERIALS))
-    assert varying.system.bodies is None
-    numbers = hhr.FullOrderModel(glued(3.7, 6.2, {}))
+@pytest.mark.parametrize(
+    ("make", "formulas", "numbers", "path", "point", "other", "parts"),
+    [(blocks, ("E1", "2 * E2"), (3.7, 6.2), push, (3.7, 3.1), (2.7, 3.1), 2),
+     (glued, ("E1", "E2"), (3.7, 6.2), pressed, (3.7, 6.2), (2.1, 2.2), None),
+     (glued, ("E1", "E1"), (3.7, 3.7), pressed, (3.7,), (2.1,), 1)],
+    ids=["in space, where a load imposes displacements", "bodies that hang together", "a common formula"],
+)  # fmt: skip
+def test_formulas_of_moduli_are_the_numbers(make, formulas, numbers, path, point, other, parts):
+    """Bodies that hang together are factored anew, also while factors of another point are at hand."""
+    box = {name: MATERIALS[name] for name in ("E1", "E2")[: len(point)]}
+    varying, plain = (
+        hhr.FullOrderModel(make(*formulas, materials=box)),
+        hhr.FullOrderModel(make(*numbers, materials={})),
+    )
+    assert parts == (None if varying.system.bodies is None else len(varying.problem.moduli))
     for search in ("frozen", "elastic"):
         settings = hhr.MarchSettings(search, iterations=300)
+        expected = plain.march(path(), settings)
         for _ in range(2):
-            varying.march(pressed(2.1, 2.2), settings)  # whose factors are then at hand
-            one, other = varying.march(pressed(3.7, 6.2), settings), numbers.march(pressed(), settings)
-            assert one.answers[-1].plastic_strain().max() > 1e-3
-            assert max(apart(one, other, EVERY)) < 1e-10
-
-
-def test_a_common_formula_makes_one_part():
-    varying = hhr.FullOrderModel(glued("E1", "E1", {"E1": (2.0, 4.0)}))
-    assert len(varying.problem.moduli) == 1 and varying.system.bodies is not None
-    numbers = hhr.FullOrderModel(glued(3.7, 3.7, {}))
-    assert max(apart(varying.march(pressed(3.7)), numbers.march(pressed()), EVERY)) < 1e-10
+            assert max(apart(varying.march(path(*other), settings), expected)) > 1e-3
+            one = varying.march(path(*point), settings)
+            assert one.answers[-1].plastic_strain().max() > 1e-3 and one.answers[-1].forces().max() > 0
+            assert max(apart(one, expected, EVERY)) < 1e-10
 
 
 def test_what_is_not_built_in():
@@ -114,25 +109,6 @@ def test_what_is_not_built_in():
         creeping.update(np.ones((1, 4)), creeping.at_rest(), 1.0, tangent=False)
     with pytest.raises(SceneError, match="names"):
         Material([Group(np.arange(1), "F", 0.3, law)], 4, ("E",))
-
-
-def test_a_material_has_the_numbers_of_a_point():
-    names, law = ("E", "s"), hhr.Plasticity("s", 2.0)
-    material = Material([Group(np.arange(2), "2 * E", 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
-    point = np.array([3.0, 7.0])
-    elastic, whole = material.moduli_at(point), material.at(point)
-    assert [group.young for group in elastic.groups] == [6.0, 5.0] == [group.young for group in whole.groups]
-    assert elastic.groups[0].law == law and whole.groups[0].law == hhr.Plasticity(7.0, 2.0)
-    expected = Material([Group(np.arange(2), 6.0, 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
-    assert np.array_equal(elastic.elastic, expected.elastic) and np.array_equal(whole.elastic, expected.elastic)
-    assert elastic.moduli_at(-point) is elastic
-    assert material.moduli_at(np.array([3.0, 8.0])) is elastic and material.at(point) is whole
-    assert material.constants(point) == [{"young": 6.0, "yield_stress": 7.0}, {}]
-    assert material.at(np.array([4.0, 7.0])).groups[0].young == 8.0
-    assert whole.at(-point) is whole and whole.elastic is whole.at(-point).elastic
-    assert material.restricted(np.array([1])).at(point).groups[0].law == hhr.Plasticity(7.0, 2.0)
-    constant = Material([Group(np.arange(2), 5.0, 0.2, law)], 4, names)
-    assert constant.at(point).elastic is constant.elastic
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])

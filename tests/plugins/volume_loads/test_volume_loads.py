@@ -57,26 +57,20 @@ HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
 @pytest.mark.parametrize("poisson", ["nu", "0.05 + nu", 0.3, 0.49])
 @pytest.mark.parametrize("hypothesis", HYPOTHESES)
 def test_free_expansion(hypothesis, poisson):
-    """No stress but that of what plane strain holds; "0.05 + nu" and 0.49 take the mean dilatation."""
-    points, displacement, stress = solved(alone(hypothesis, (HEAT,), poisson=poisson))
+    """No stress but that of what plane strain holds; "0.05 + nu" and 0.49 take the mean dilatation.
+
+    Clamped between its ends, the stress along a bar is -E alpha T, and along both axes that plane strain holds
+    -E alpha T / (1 - nu).
+    """
     ratio = {"nu": MU["nu"], "0.05 + nu": 0.05 + MU["nu"]}.get(poisson, poisson)
-    plane = hypothesis == "plane_strain"
+    plane, up = hypothesis == "plane_strain", 2 if hypothesis == "solid" else 1
+    points, displacement, stress = solved(alone(hypothesis, (HEAT,), poisson=poisson))
     assert displacement == pytest.approx((1 + ratio if plane else 1.0) * STRAIN * points, abs=1e-13)
     expected = np.zeros_like(stress)
     expected[:, 2] = -MU["E"] * STRAIN if plane else 0.0
     assert stress == pytest.approx(expected, abs=1e-13)
-
-
-@pytest.mark.parametrize("poisson", ["nu", 0.49])
-@pytest.mark.parametrize("hypothesis", HYPOTHESES)
-def test_clamped_between_its_ends(hypothesis, poisson):
-    """The stress along a bar is -E alpha T, and along both axes that plane strain holds -E alpha T / (1 - nu)."""
-    up = 2 if hypothesis == "solid" else 1
     held = (hhr.Displacement(block.side(up, True), up),)
     _, _, stress = solved(alone(hypothesis, (HEAT,), poisson=poisson, held=held))
-    expected = np.zeros_like(stress)
-    ratio = MU["nu"] if poisson == "nu" else poisson
-    plane = hypothesis == "plane_strain"
     expected[:, up] = -MU["E"] * STRAIN / (1 - ratio if plane else 1.0)
     expected[:, 2] = expected[:, up] if plane or up == 2 else 0.0
     assert stress == pytest.approx(expected, abs=1e-13)
@@ -116,27 +110,23 @@ def test_a_column_under_its_weight(hypothesis):
     assert displacement[:, -1] == pytest.approx(-0.1 * MU["T"] ** 2 * (HEIGHT * y - y**2 / 2) / MU["E"], abs=1e-12)
 
 
-INNER, OUTER = 1.0, 2.0
+def test_a_ring_that_turns():
+    """Held in height, so in plane strain, it meets Lame's closed form with the square of the size of the cells.
 
-
-def turning(r):
-    """Radial displacement of a free ring that turns, rho omega^2 = 0.3 T^2: a particular one, C1 r and C2 / r."""
-    young, nu, load = MU["E"], MU["nu"], 0.3 * MU["T"] ** 2
+    Of rho omega^2 = 0.3 T^2 the radial displacement of a free ring is a particular one, C1 r and C2 / r.
+    """
+    (young, nu, heat), ends = MU.values(), np.array([1.0, 2.0])
     lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
-    factor, ends = -load / (8 * (lam + 2 * mu)), np.array([INNER, OUTER])
+    factor = -0.3 * heat**2 / (8 * (lam + 2 * mu))
     rows = np.stack([np.full(2, 2 * (lam + mu)), -2 * mu / ends**2], axis=1)
     c1, c2 = np.linalg.solve(rows, -factor * (3 * (lam + 2 * mu) + lam) * ends**2)
-    return factor * r**3 + c1 * r + c2 / r
-
-
-def test_a_ring_that_turns():
-    """Held in height, so in plane strain, it meets Lame's closed form with the square of the size of the cells."""
     load, held, errors = hhr.Centrifugal(block.SOLID, "0.3 * T**2"), (hhr.Displacement(block.side(1, True), 1),), []
     for cells in (8, 16, 32):
-        corners = {"lower": (INNER, 0.0), "upper": (OUTER, 0.25), "cells": (cells, 2)}
+        corners = {"lower": (1.0, 0.0), "upper": (2.0, 0.25), "cells": (cells, 2)}
         scene = alone("axisymmetric", (load,), held=held, **corners)
         points, displacement, _ = solved(dataclasses.replace(scene, displacements=scene.displacements[1:]))
-        radial = turning(points[:, 0])
+        r = points[:, 0]
+        radial = factor * r**3 + c1 * r + c2 / r
         errors.append(np.abs(displacement[:, 0] - radial).max() / np.abs(radial).max())
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
     assert errors[-1] < 1e-3 and (rates > 1.9).all()
@@ -153,15 +143,11 @@ def test_a_ring_that_turns():
 def test_axes_of_what_turns(hypothesis, place, distance):
     """The force is the volume times the distance of the centre, (0.75, 0.75, 1), from the axis."""
     load = hhr.Centrifugal(block.SOLID, "2 * T", **place)
-    forces = nodal_forces(alone(hypothesis, (load,)), load)
-    assert forces.sum(axis=0) == pytest.approx(1.5 ** (len(distance) - 1) * HEIGHT * np.array(distance), abs=1e-12)
-
-
-def nodal_forces(scene, load):
-    """Forces of the amplitude 1 on all nodes, held or not."""
-    discretisation = hhr.FullOrderModel(scene).discretisation
+    discretisation = hhr.FullOrderModel(alone(hypothesis, (load,))).discretisation
     (term,) = load.terms(discretisation.assembler(load))
-    return term.columns.reshape(-1, discretisation.mesh.geometry.dim)
+    # forces of the amplitude 1 on all nodes, held or not
+    forces = term.columns.reshape(-1, len(distance))
+    assert forces.sum(axis=0) == pytest.approx(1.5 ** (len(distance) - 1) * HEIGHT * np.array(distance), abs=1e-12)
 
 
 def layers(*, young="E1", poisson="nu1", clamped=False, loads=None):
