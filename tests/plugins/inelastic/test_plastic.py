@@ -7,6 +7,7 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from condensing import QUIET, condensed, up
+from needs import needs
 from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, whole_domain
 from toy_law import Bingham
 from tubes import POISSON, YOUNG, in_time, tube
