@@ -10,8 +10,8 @@ Bodies and surfaces have the names that they have in the mesh. Copy this file, n
     find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel, lowered)
 
 What to see: contact comes in two steps, first at the roller and then at the stop. The model answers in tens of
-microseconds, and each answer knows a bound of its error that no true error exceeds. That is the error of the model
-beside its mesh: linear triangles are too stiff in a thin spring, and the force on the roller is 8 % above that of
+microseconds, and each answer has its error, up to round-off. That is the error of the reduction, without that of the
+mesh: linear triangles are too stiff in a thin spring, and the force on the roller is 8 % above that of
 displacements of second order. `hhr study` measures what the mesh does, and says what to do.
 
     python demos/your_scene.py [--out DIR] [--quick] [--seed N]

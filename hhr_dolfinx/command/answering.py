@@ -58,7 +58,7 @@ def _with_unit(name: str, unit: str) -> str:
 @KNOWN
 @guarded
 def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
-    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
+    """Answer one parameter point, by a SCENE in full or by a reduced model from a file (.npz).
 
     Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest.
     """

@@ -22,7 +22,7 @@ SCENE = click.argument("scene")
 OUT = click.option(
     "--out", type=click.Path(path_type=Path), help="folder of the results [out/NAME, that of Scene(name=...)]"
 )
-AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
+AT = click.option("--at", "words", multiple=True, help="values of parameters: name=value, or several with commas")
 
 KNOWN = click.option(
     "--known", multiple=True, help="user-defined class of the model, law.py:Voce; once for each [none]"

@@ -267,7 +267,7 @@ def test_a_check_draws_and_finds(tmp_path):
 
 def test_lists():
     code, output = invoke("list")
-    assert code == 0 and "  NodeToSurface (hhr_dolfinx)\n" in output and "  steel: E = 210 GPa" in output
+    assert code == 0 and "  NodeToNode (hhr_dolfinx)\n" in output and "  steel: E = 210 GPa" in output
     for kind, name in (("loads", "Pressure"), ("outputs", "ContactForce"), ("samplings", "Sobol")):
         assert f"{kind}:\n" in output and f"  {name} (hhr_dolfinx)\n" in invoke("list", kind)[1]
     if present("inelastic"):

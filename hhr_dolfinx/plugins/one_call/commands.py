@@ -44,7 +44,7 @@ class Share(click.ParamType):
 @OUT
 @resumable
 def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
-    """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
+    """Build the cheapest model with the requested accuracy, and save it: condensed, hyper-reduced, or local ones.
 
     Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
     file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.

@@ -23,7 +23,7 @@ with extra("study", "the command hhr"):
 @OUT
 @resumable
 def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
-    """Train, then measure errors and times beside the full order and condensation; report, pictures and model."""
+    """Train, then compare errors and times with the full order and condensation; write report, pictures and model."""
     from dataclasses import replace
 
     from hhr_dolfinx.command.loading import beside, scene_of, value_of

@@ -442,7 +442,7 @@ FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
 
 
 @compiled
-@pytest.mark.parametrize("name", [FLOW, OF_FRICTION[0]])
+@pytest.mark.parametrize("name", [FLOW, FEW[0]])
 def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
     """Outside of the box, and where a law or a modulus changes on the way; the path stays where it was."""
     model, path = flowing("moduli") if name == "flow" else rubbing_model(name)
@@ -459,7 +459,7 @@ def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
 
 
 @compiled
-@pytest.mark.parametrize("name", OF_FRICTION)
+@pytest.mark.parametrize("name", FEW)
 def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
     """Inputs, a step, outputs; what does not change on the way is a parameter."""
     model, tour, path = unit_of(name)
@@ -540,7 +540,7 @@ def test_flow_that_c_does_not_know_is_refused_by_name():
 
 
 @compiled
-@pytest.mark.parametrize("name", [FLOW, OF_FRICTION[0]])
+@pytest.mark.parametrize("name", [FLOW, FEW[0]])
 def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_of, tmp_path):
     """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
     _, path, made = unit_of("outputs" if name == "flow" else name)
