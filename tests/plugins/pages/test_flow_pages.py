@@ -11,7 +11,7 @@ import pytest
 from condensing import TIGHT, condensed
 from mpi4py import MPI
 from needs import needs
-from test_condensed_flow import in_units
+from scenes import pressed_pair, slope, space
 from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
 
 import hhr_dolfinx as hhr
@@ -43,10 +43,20 @@ console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 
+def two_bodies():
+    """Two blocks in the plane, pushed together, of which one yields, whose E is a parameter."""
+    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, hhr.Plasticity(0.05, 0.2)), hhr.Body(two_blocks.SECOND, 5.0, 0.35)
+    base, top = pressed_pair("plane_strain", bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
+    held = [item for item in base.displacements if not item.amplitude.slopes]
+    moved = hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0))
+    given = {"loads": (), "openings": (), "parameters": space(push=(0.0, 0.06), E1=(2.0, 4.0))}
+    return dataclasses.replace(base, displacements=(*held, *moved), **given)
+
+
 @cache
 def pair():
-    """Two blocks in the plane, E of one a parameter: full model, condensed flow, histories."""
-    full = in_units(1.0, 1.0)
+    """Full model, condensed flow, histories."""
+    full = hhr.FullOrderModel(two_bodies())
     histories = [full.march(cycle(young), TIGHT) for young in (2.0, 4.0)]
     return full, condensed(full, histories)
 
@@ -163,7 +173,7 @@ def test_moduli_stay_within_a_history_of_whatever_body():
         hhr.Body(two_blocks.FIRST, 3.0, 0.3, hhr.Plasticity(0.05, 0.2)),
         hhr.Body(two_blocks.SECOND, "5 * w", 0.35),
     )
-    base = in_units(1.0, 1.0).scene
+    base = two_bodies()
     space = hhr.ParameterSpace(("push", "w"), (0.0, 0.2), (0.06, 4.0))
     full = hhr.FullOrderModel(dataclasses.replace(base, bodies=bodies, parameters=space), MPI.COMM_SELF)
     model = condensed(full, [full.march(cycle(w), TIGHT) for w in (0.5, 4.0)])
