@@ -32,10 +32,10 @@ def one_cut(axis, cut, reach):
     return choice([(axis, cut, 1, 2), (-1, 0), (-1, 1)], reach)
 
 
-def pellet_training():
-    """The pellet on a coarse mesh, with outputs, and answers on a grid of 6 x 8."""
-    scene = dataclasses.replace(pellet.scene(**pellet.QUICK_MESH), outputs=OUTPUTS)
-    return hhr.train(scene, (6, 8), held_out=0, comm=MPI.COMM_SELF)
+def pellet_training(grid=(6, 8), outputs=OUTPUTS):
+    """The pellet on a coarse mesh, with outputs, and answers on a grid."""
+    scene = dataclasses.replace(pellet.scene(**pellet.QUICK_MESH), outputs=outputs)
+    return hhr.train(scene, grid, held_out=0, comm=MPI.COMM_SELF)
 
 
 def parts_of(training, bounds, recipe=AS_IT_IS):

@@ -6,11 +6,11 @@ import logging
 
 import contract
 import numpy as np
-import pellet_cladding as pellet_demo
 import pellet_materials as materials_demo
 import pytest
 from mpi4py import MPI
 from needs import needs, present
+from parted import pellet_training
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -23,8 +23,7 @@ OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 
 
 @pytest.fixture(scope="module")
 def pellet():
-    scene = dataclasses.replace(pellet_demo.scene(**pellet_demo.QUICK_MESH), outputs=OUTPUTS)
-    return hhr.train(scene, (8, 6), held_out=0, comm=MPI.COMM_SELF)
+    return pellet_training((8, 6), OUTPUTS)
 
 
 @pytest.fixture(scope="module")

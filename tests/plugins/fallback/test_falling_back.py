@@ -1,13 +1,10 @@
 """A model that falls back on the full one: nothing it hands out is off by more than allowed."""
 
-import dataclasses
-
 import numpy as np
-import pellet_cladding as demo
 import pytest
 from bare import read_csv
-from mpi4py import MPI
 from needs import needs
+from parted import pellet_training
 from scenes import check_alike
 
 import hhr_dolfinx as hhr
@@ -15,13 +12,12 @@ from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import ParameterError
 
 POOR = hhr.Recipe().as_it_is()
-OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
+OUTPUTS = hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0)
 
 
 @pytest.fixture(scope="module")
 def pellet():
-    scene = dataclasses.replace(demo.scene(**demo.QUICK_MESH), outputs=OUTPUTS)
-    return hhr.train(scene, (3, 3), held_out=0, comm=MPI.COMM_SELF)
+    return pellet_training((3, 3), OUTPUTS)
 
 
 def test_no_answer_is_off_by_more_than_allowed(pellet):

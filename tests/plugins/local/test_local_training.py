@@ -3,12 +3,11 @@
 import dataclasses
 
 import numpy as np
-import pellet_cladding as pellet
 import pytest
 from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
 from needs import needs
-from parted import AS_IT_IS, OUTPUTS
+from parted import AS_IT_IS, pellet_training
 from scenes import pressed_pair, references_at
 
 import hhr_dolfinx as hhr
@@ -22,8 +21,7 @@ FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
 
 @pytest.fixture(scope="module")
 def training():
-    scene = dataclasses.replace(pellet.scene(**pellet.QUICK_MESH), outputs=OUTPUTS)
-    return hhr.train(scene, (8, 10), held_out=0, comm=MPI.COMM_SELF)
+    return pellet_training((8, 10))
 
 
 @pytest.fixture(scope="module")
