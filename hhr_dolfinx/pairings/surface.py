@@ -22,7 +22,8 @@ CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
 GRAZING = 1e-3
-"""Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
+"""Cosine to a normal given by the user below which a side does not look along it: a half-disc may be tagged up to where
+the normal is tangential."""
 
 
 class QuadraticFacets(Protocol):
