@@ -180,10 +180,11 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
 
 
 def _parallel_rows(contact: csr_matrix) -> int:
-    """Number of rows of a sparse matrix that are a positive multiple of another row, to round-off."""
+    """Number of rows of a sparse matrix that are a positive multiple of a later row, to round-off."""
     lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
     units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
-    return int((triu(units @ units.T, k=1).tocoo().data > 1 - DEPENDENT).sum())
+    alike = triu(units @ units.T, k=1).tocoo()
+    return len(set(alike.row[alike.data > 1 - DEPENDENT].tolist()))
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
@@ -234,16 +235,16 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
         # an order statistic: failed points do not make it NaN
         high = float(np.percentile(values, 95, method="higher"))
         worst = int(values.argmax())
-        reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
+        reached = f"it is {values[worst]:.0%}" if math.isfinite(values[worst]) else "there is no one answer"
         message = (
             f"the {name} error, on the whole mesh, is {_share(high)} at 95 % of {values.size} solutions compared; "
             f"the worst is at {comparison.labels[worst]}, where {reached}: "
             + (remedy if isinstance(remedy, str) else remedy[name])
         )
-        if high > refuse:
+        if not high <= refuse:  # NaN fails too
             raise UnstableModelError(message)
         # a point without an answer is always reported
-        if high > doubtful or values[worst] > doubtful_worst or math.isinf(values[worst]):
+        if high > doubtful or values[worst] > doubtful_worst or not math.isfinite(values[worst]):
             _warn(message)
 
 

@@ -218,7 +218,7 @@ class SchurEqualities:
     ``columns`` maps indices (k,) to the columns of S that belong to them, as rows (k, m). A set of statuses costs one
     dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
     statuses: a new block replaces the oldest one of its size, and all take less than ``most_bytes``. Factors made by
-    :meth:`prepare` stay. Several threads may call an object; results are new arrays.
+    :meth:`prepare` stay. Several threads may call an object; if no condition is active the slack is the given array.
     """
 
     KEPT_PER_SIZE = 2

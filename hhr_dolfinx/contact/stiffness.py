@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property
-from threading import RLock, local
+from threading import Lock, RLock, local
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -167,6 +167,7 @@ class SparseStiffness(Stiffness):
         self._schur = schur
         self._parts: np.ndarray | None = None
         self._lock = RLock()
+        self._assigning = Lock()
 
     def held(self) -> AbstractContextManager[Any]:
         """See :class:`Stiffness`."""
@@ -218,9 +219,11 @@ class SparseStiffness(Stiffness):
     @cached_property
     def schur(self) -> np.ndarray:
         """See :class:`Stiffness`."""
-        with self._making():  # one array for all threads that start at the same time
+        with self._making():
             if self._schur is None:
-                self._schur = self._condensed()
+                made = self._condensed()
+                with self._assigning:  # one array for all threads, which may make it by a lease and by a lock at once
+                    self._schur = made if self._schur is None else self._schur
         return self._schur
 
     def _making(self) -> AbstractContextManager[Any]:

@@ -25,7 +25,9 @@ class KnownStatuses(Rebuilt):
     active: Annotated[Booleans, "statuses", "m"]  # (S, m) bool
 
     def __post_init__(self) -> None:
-        self.active.setflags(write=False)  # answers share them
+        active = self.active.view()  # answers share it; the array of the caller stays as it is
+        active.setflags(write=False)
+        object.__setattr__(self, "active", active)
 
     @classmethod
     def of_answers(cls, answers: Iterable[Answer]) -> KnownStatuses | None:

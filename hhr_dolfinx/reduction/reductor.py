@@ -7,6 +7,7 @@ the target, and returns the best one.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -270,7 +271,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
             refused.append(outcome)
             continue
         off = reductor.off(outcome.made[2])
-        if best is None or off < best[0]:
+        if best is None or off < best[0] or math.isnan(best[0]):
             best = off, outcome, log.skipped[before:]
         if off <= 1:
             break

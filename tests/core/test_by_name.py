@@ -33,17 +33,17 @@ def said(kind, name):
     except SceneError as error:
         return str(error)
 
-flat, flowing, Ramp = find("scenes", "slab_on_ramp")(), find("scenes", "flowing_slab")(), find("pairings", "Ramp")
+flat, flowing, Ramp = find("scenes", "slab_on_ramp")(), find("scenes", "flowing_slab"), find("pairings", "Ramp")
 steep = replace(flat, geometry=find("geometries", "slab"), contacts=(Ramp(flat.contacts[0].surface, 0.01, 0.1),))
 steps = [(0.0, [0.0]), (1.0, [0.05]), (50.0, [0.05])] if sys.argv[1:] == ["inelastic"] else []
 held = hhr.FullOrderModel(steep).solve(0.05)
 print(json.dumps({
     "names": {kind: names(kind) for kind in ("geometries", "pairings", "laws", "scenes")},
     "force": hhr.FullOrderModel(flat).solve(0.05).forces().sum(),
-    "relaxed": [step.forces().sum() for step in hhr.FullOrderModel(flowing).march(steps).answers] if steps else [],
+    "relaxed": [step.forces().sum() for step in hhr.FullOrderModel(flowing()).march(steps).answers] if steps else [],
     "touching": int((held.forces() > 0).sum()), "nodes": len(held.forces()),
     "same": find("pairings", "contact_toys.parts:Ramp") is Ramp is type(flat.contacts[0])
-            and find("laws", "Newtonian") is type(flowing.bodies[0].law),
+            and (not steps or find("laws", "Newtonian") is type(flowing().bodies[0].law)),
     "broken": said("pairings", "Broken"), "near": said("pairings", "Ram"), "scene": said("scenes", "slab_on_rmp"),
     "near module": said("pairings", "contact_toys.parts:Rampe"), "no module": said("pairings", "contact_toy:Ramp"),
 }))

@@ -101,6 +101,9 @@ def test_a_point_without_one_answer_is_never_passed_over(hertz, hertz_snapshots,
     spoiled = dataclasses.replace(good, dual=np.append(good.dual[:-1], np.inf))
     with pytest.warns(errors.StabilityWarning, match="there is no one answer"):
         check_comparison(spoiled, TrustLimits(refuse_dual=np.inf))
+    unknown = dataclasses.replace(good, dual=np.append(good.dual[:-1], np.nan))
+    with pytest.raises(errors.UnstableModelError, match="there is no one answer"):
+        check_comparison(unknown, TrustLimits())
 
 
 def test_nothing_held_out_is_said(hertz, hertz_snapshots):
