@@ -178,7 +178,7 @@ class FullOrderModel(FullModel):
         own = self.system.problem.own_stiffness
         if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
             raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
-        found = SparseStiffness(matrix, problem, self.store)
+        found = SparseStiffness(matrix, problem, self.store, keeps=self.keeps_columns)
         return found.lent(self.stiffness) if matrix is own else found
 
     def has_room(self, rows: int) -> bool:
