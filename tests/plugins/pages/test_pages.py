@@ -386,7 +386,11 @@ HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.
             lambda trained: trained.build(contract.AS_IT_IS),
             "ReducedModel with CondensedModel does not: condense the scene",
         ),
-        (lambda trained: trained.local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
+        pytest.param(
+            lambda trained: trained.local(hhr.Clusters(2), recipe=contract.AS_IT_IS),
+            "LocalModels",
+            marks=needs("local"),
+        ),
         pytest.param(HELD_BY_FRICTION, "contact alone holds without friction", marks=needs("friction")),
     ],
 )
