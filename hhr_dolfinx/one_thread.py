@@ -39,8 +39,9 @@ class _OneThread(ContextDecorator):
         It is repeated when modules have been imported since: libraries are loaded with them.
         """
         if len(sys.modules) != self._modules:
-            self._modules = len(sys.modules)
+            count = len(sys.modules)
             self._controller = ThreadpoolController()
+            self._modules = count  # last: a search may fail
         return self._controller
 
 

@@ -23,16 +23,19 @@ def scene_of(name: str) -> Scene:
 
     found = find("scenes", name)
     if inspect.isfunction(found):
-        arguments = inspect.signature(found).parameters.values()
-        needed = [
-            item.name for item in arguments if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD
-        ]
-        if needed:
+        if needed := _needed(found):
             raise SceneError(f"{name}: the function needs {', '.join(needed)}; give them defaults, or name another one")
         found = found()
     if not isinstance(found, Scene):
         raise SceneError(f"{name} is {type(found).__name__} and no Scene: name one, 'file.py:name'")
     return found
+
+
+def _needed(function: Any) -> list[str]:
+    """Names of the arguments without a default."""
+    arguments = inspect.signature(function).parameters.values()
+    several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return [item.name for item in arguments if item.default is item.empty and item.kind not in several]
 
 
 def beside(name: str, attribute: str) -> Any:
@@ -46,9 +49,21 @@ def beside(name: str, attribute: str) -> Any:
         return None
 
 
-def value_of(found: Any) -> Any:
-    """Value of an attribute of a file, which may be a function without arguments that makes it."""
-    return found() if inspect.isfunction(found) else found
+def value_of(name: str, attribute: str, kind: type) -> Any:
+    """``SETTINGS`` or ``VIEW`` next to a scene, a value or a function without arguments that makes it, or None.
+
+    Raises:
+        SceneError: if it is of another class, or the function needs arguments.
+    """
+    found = beside(name, attribute)
+    if inspect.isfunction(found):
+        if needed := _needed(found):
+            raise SceneError(f"{attribute} beside {name} needs {', '.join(needed)}; give them defaults")
+        found = found()
+    if found is not None and not isinstance(found, kind):
+        what = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
+        raise SceneError(f"{attribute} beside {name} must be hhr.{kind.__name__}, and is {what}")
+    return found
 
 
 def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:

@@ -125,17 +125,13 @@ def settings_of(scene: str) -> Any:
         SceneError: if they are of another class.
     """
     from hhr_dolfinx.command.loading import beside, value_of
-    from hhr_dolfinx.errors import NotOfferedError, SceneError
+    from hhr_dolfinx.errors import NotOfferedError
 
-    found = beside(scene, "SETTINGS")
-    if found is None:
+    if beside(scene, "SETTINGS") is None:
         return None
     if (kind := registry.offered("settings")) is None:
         raise NotOfferedError(f"SETTINGS beside {scene} needs the plug-in 'studies', which is not installed")
-    settings = value_of(found)
-    if not isinstance(settings, kind):
-        raise SceneError(f"SETTINGS beside {scene} must be hhr.StudySettings, and is {type(settings).__name__}")
-    return settings
+    return value_of(scene, "SETTINGS", kind)
 
 
 def training_of(how: dict[str, Any], settings: Any) -> Any:

@@ -195,7 +195,7 @@ def _parted(
     inner_points = inner_points[order]
     if facet_nodes.shape[1] <= 2 * (points.shape[1] - 1):
         return facet_nodes, inner_points, None
-    return registry.tool("second_order_facets", f"surface {tag} of cells of second order")(facet_nodes, inner_points)
+    return registry.tool("second_order", f"surface {tag} of cells of second order")(facet_nodes, inner_points)
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:

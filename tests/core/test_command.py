@@ -279,6 +279,8 @@ FILES = {
     "three.py": "scene = 3\n",
     "needs.py": "def scene(mesh, *, size=1):\n    pass\n",
     "settings.py": "from your_scene import scene\nSETTINGS = {'training': 3}\n",
+    "view.py": "from your_scene import scene\nVIEW = 'nice'\n",
+    "views.py": "from your_scene import scene\ndef VIEW(size): pass\n",
     "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise ValueError('none')\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
@@ -299,6 +301,8 @@ MISTAKES = [
     (3, "the function needs mesh;", ["solve", "needs.py"]),
     (3, "geometry.py, line 4: ValueError: none", ["solve", "geometry.py", *AT]),
     (3, f"SETTINGS beside settings.py {WRONG_SETTINGS}", ["train", "settings.py"]),
+    (3, "VIEW beside view.py must be hhr.View, and is str", ["study", "view.py"]),
+    (3, "VIEW beside views.py needs size; give them defaults", ["study", "views.py"]),
     (130, "interrupted\n", ["check", "stops.py"]),
     (130, "interrupted: answers that were done are kept", ["train", "stops.py", "--sobol", "4"]),
     (3, "there is no model file no.npz", ["solve", "no.npz", *AT]),

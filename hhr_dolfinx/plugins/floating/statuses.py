@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, nnls
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
 from hhr_dolfinx.errors import SingularError
@@ -77,7 +77,10 @@ class FloatingEqualities:
         found, slack = self._equalities(both, right)
         m = active.size
         left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
-        held = np.abs(left).max() <= SINGULAR * np.abs(right).max(initial=1e-300)
+        largest = np.abs(right).max(initial=1e-300)
+        held = np.abs(left).max() <= SINGULAR * largest
+        # a singular system may have a solution to round-off, with motions of any size
+        held = held and self._size * np.abs(found[m:]).max(initial=0.0) <= largest / SINGULAR
         if not held or not self.balanced(found[:m], driving).all():
             raise SingularError("the conditions that touch do not hold all bodies")
         return found[:m], slack[:m], self._units * found[m:]
@@ -157,6 +160,8 @@ def open_motions(
     if not ways.shape[1]:
         return None
     rows = equalities.contact_of_motions[~bearing] @ ways
+    # motions along a surface open it by round-off, which is no limit
+    rows[np.abs(rows) <= ACTING * np.abs(equalities.contact_of_motions).max()] = 0.0
     change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ motions)
     shift = ways @ change
     opening = -equalities.contact_of_motions @ shift
@@ -175,11 +180,17 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     system = np.vstack([-rows.T, beyond])
     unit = np.zeros(len(system))
     unit[-1] = 1.0
-    # nnls of scipy 1.15 stops too early, as the examples of tests/plugins/floating/test_floating.py show
-    shares = lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x
-    acting = shares > ACTING * shares.max()
-    # the residual of the least squares has half of the digits of the point; active rows give all of them
-    return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
+
+    def point(shares: np.ndarray) -> np.ndarray:
+        acting = shares > ACTING * shares.max()
+        # the residual of the least squares has half of the digits of the point; active rows give all of them
+        return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
+
+    # nnls of scipy 1.15 stops too early, and bvls where rows are opposite, as examples of the tests show
+    found = point(lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x)
+    if (rows @ found - limits).max() <= SINGULAR * beyond.max():
+        return found
+    return min(found, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max()))
 
 
 def floating_set(

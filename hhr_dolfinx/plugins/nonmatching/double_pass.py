@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.surface import Surface, warn
+from hhr_dolfinx.pairings.surface import Surface, unit, warn
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 
@@ -53,6 +53,8 @@ class DoublePass:
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """Rows of both passes without duplicates."""
         first, second = surfaces
+        if self.normal is not None:
+            unit(self.normal, first.points.shape[1])  # refuses what is no vector
         back = None if self.normal is None else tuple(-np.asarray(self.normal, dtype=float))
         passes = []
         refusals = []

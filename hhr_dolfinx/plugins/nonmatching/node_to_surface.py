@@ -38,6 +38,8 @@ LAYERS = 1e-4
 """Fraction of their height that projected surfaces keep, so that the nearest of several layers is found."""
 FINER = 0.5
 """Size of slave facets over that of the master above which node-to-surface is inaccurate on cells of second order."""
+NESTED = 1.5
+"""Size of slave facets over that of the master above which meshes whose nodes coincide are nested: 2 at least."""
 
 
 class _Partners(NamedTuple):
@@ -117,8 +119,9 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
     Single nodes received 7 to 175 % of a constant pressure with three slave facets on four, 99.7 to 100.1 % with ten on
     three.
     """
-    matching = (weights.max(axis=1) > 1 - BEYOND).all()
-    if slave.quadratic is not None and not matching and slave.lengths().mean() > FINER * master.lengths().mean():
+    ratio = slave.lengths().mean() / master.lengths().mean()
+    matching = (weights.max(axis=1) > 1 - BEYOND).all() and ratio < NESTED  # nodes of nested meshes lie on nodes too
+    if slave.quadratic is not None and not matching and ratio > FINER:
         warn(
             f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the slave is not far "
             "finer: node to surface has pressures wrong at single nodes, by as much as they are. Take Mortar"

@@ -4,6 +4,4 @@ from hhr_dolfinx.registry import Plugin
 
 _FACETS = "hhr_dolfinx.plugins.second_order.facets"
 
-PLUGIN = Plugin(
-    name="second_order", classes={_FACETS: "QuadraticFacets"}, tools={"second_order_facets": f"{_FACETS}:parted"}
-)
+PLUGIN = Plugin(name="second_order", classes={_FACETS: "QuadraticFacets"}, tools={"second_order": f"{_FACETS}:parted"})

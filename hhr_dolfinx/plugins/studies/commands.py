@@ -26,14 +26,16 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     """Train, then compare errors and times with the full order and condensation; write report, pictures and model."""
     from dataclasses import replace
 
-    from hhr_dolfinx.command.loading import beside, scene_of, value_of
+    from hhr_dolfinx.command.loading import scene_of, value_of
     from hhr_dolfinx.plugins.studies.settings import StudySettings
     from hhr_dolfinx.plugins.studies.study import study_scene
     from hhr_dolfinx.plugins.studies.view import View
 
     console, progress = spoken()
     made = scene_of(scene)
-    settings = settings_of(scene)
+    settings, view = settings_of(scene), value_of(scene, "VIEW", View)
+    for point in () if view is None else view.points:
+        made.parameters.point(point)  # refuses it before anything is solved
     given = training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
     if not any(body.law is not None for body in made.bodies):
@@ -43,7 +45,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     if found is None:
         return
     middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
-    found.write(folder, console, value_of(beside(scene, "VIEW")) or View(points=(middle,)))
+    found.write(folder, console, view or View(points=(middle,)))
     console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
 
 

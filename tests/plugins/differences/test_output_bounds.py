@@ -56,14 +56,9 @@ def pellet():
     return hhr.train(small_pellet(), (8, 6), held_out=5)
 
 
-@pytest.fixture(scope="module")
-def poor(pellet):
-    """Of a seventh of the training."""
-    return hhr.build(pellet.full_order, pellet.snapshots.take(slice(None, None, 7)), POOR)
-
-
-def test_outputs_of_the_pellet(pellet, poor):
+def test_outputs_of_the_pellet(pellet):
     full = pellet.full_order
+    poor = hhr.build(full, pellet.snapshots.take(slice(None, None, 7)), POOR)
     names = {output.name for output in full.scene.outputs}
     assert full.solve((100.0, 3.0)).estimate().outputs == dict.fromkeys(names, 0.0)
     for model in (pellet.build(checked=False), poor):

@@ -13,7 +13,7 @@ from test_floating import kkt
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import NotSolvableError, SceneWarning, StabilityWarning
+from hhr_dolfinx.errors import NotSolvableError, SceneWarning, StabilityWarning, UndeterminedWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.plugins.differences.offline import field_response
@@ -57,6 +57,23 @@ def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
         upper = full.problem.contact_pairs == 1
         assert forces[upper].sum() == pytest.approx(0.5 * p * size, rel=1e-5)
         assert forces[~upper].sum() == pytest.approx((0.5 * p + q) * size, rel=1e-9)
+
+
+def test_a_motion_that_only_round_off_drives_is_the_least():
+    """A turned block is pressed between two walls, along which its load is 8e-18."""
+    ways = np.array([[np.cos(0.1), np.sin(0.1)], [-np.sin(0.1), np.cos(0.1)]])
+
+    def turned(comm):
+        mesh, *tags = block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(8, 4))
+        mesh.geometry.x[:, :2] = mesh.geometry.x[:, :2] @ ways
+        return mesh, *tags
+
+    walls = (0, False, -ways[0], 0.0), (0, True, ways[0], 2.0), (1, True, ways[1], 1.01)
+    contacts = tuple(hhr.Obstacle(block.side(axis, upper), tuple(way), at) for axis, upper, way, at in walls)
+    scene = lone(contacts, (hhr.Pressure(block.side(0, True), slope("p")),), "p", geometry=turned)
+    for model in (hhr.FullOrderModel(scene), hhr.condense(scene)):
+        with pytest.warns(UndeterminedWarning):
+            assert np.abs(model.solve(0.5).displacement()).max() < 2e-3
 
 
 def test_what_pulls_apart_is_adrift_and_named():

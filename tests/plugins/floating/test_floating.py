@@ -256,3 +256,10 @@ def test_the_least_motion_is_that_of_a_quadratic_program(seed):
     )  # fmt: skip
     assert (rows @ found <= limits + 1e-10).all()
     assert found == pytest.approx(program.x, abs=1e-5)
+
+
+def test_the_least_motion_between_opposite_limits():
+    """Where least squares within bounds end beyond a limit."""
+    rows = np.array([[-2.0, 0.0], [2.0, -2.0], [-3.0, 3.0]])
+    found = _nearest(rows, np.array([1.0, 0.0, 0.0]), np.array([-1.0, -3.0]))
+    assert found == pytest.approx([-0.5, -0.5])

@@ -1,4 +1,4 @@
-"""Local models: the choice by cuts, and a set that answers as the model of each part does."""
+"""Local models: the choice by cuts, a set that answers as the model of each part does, its tables, a fall-back."""
 
 import dataclasses
 import timeit
@@ -8,8 +8,10 @@ from unittest.mock import Mock
 import numpy as np
 import pellet_cladding as pellet
 import pytest
+from bare import read_csv
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from launched import launch
 from needs import needs
 from parted import (
     AS_IT_IS,
@@ -23,6 +25,7 @@ from parted import (
     pellet_models,
     pellet_training,
     random_choice,
+    three_models,
     varying_set,
 )
 from scenes import largest_difference, output_slopes, pressed_block, slope, slope_errors
@@ -363,6 +366,7 @@ def test_models_that_do_not_go_together(models, training):
             hhr.LocalModels(wrong, tree)
 
 
+@needs("fallback")
 def test_a_fallback_on_a_local_set_marches_past_answers_of_the_full_model(training, local):
     """Statuses of the full model are too many for any of the set; searches begin anew."""
     safe = hhr.FallbackModel(local, training.full_order, 1e-12)
@@ -384,3 +388,78 @@ def test_answers_do_not_share_the_start_that_they_were_given(models):
     answer = models[0].solve(LOW, start=start)
     start[:] = ~start
     assert np.array_equal(answer.active, known.active)
+
+
+@pytest.fixture(scope="module")
+def three(training):
+    return three_models(training)
+
+
+def points_of(model, count=40):
+    """Random points and some by the first border."""
+    points = model.parameters.random(2 * count, seed=9)
+    axis = int(model.choice.axis[0])
+    points[count:, axis] = model.choice.cut[0] + np.linspace(-1, 1, count) * model.choice.reach[axis]
+    return points
+
+
+@needs("tables")
+def test_tables_say_which_model_answered(three, tmp_path):
+    points = np.vstack([points_of(three, 10), [[1e9, 1.0]]])
+    answers = hhr.answer_points(three, points)
+    alone = hhr.answer_points(three.models[0], points, outside="ignore")
+    assert list(answers.outputs) == list(alone.outputs) and list(answers.estimates) == list(alone.estimates)
+    assert not alone.columns and list(answers.columns) == ["model"]
+    numbers = answers.columns["model"]
+    assert np.isnan(numbers[-1]) and answers.status[-1] != "ok"
+    for k, point in enumerate(points[:-1]):
+        answer = three.solve(point)
+        assert numbers[k] == three.model_of(answer)
+        # many at once share products of matrices, whose last digits differ from those of one
+        assert largest_difference(answers.forces[k], answer.forces()) < 1e-12
+        assert answers.outputs["peak [MPa]"][k] == pytest.approx(answer.outputs()["peak"], rel=1e-12)
+        bound = answer.estimate().outputs["peak"]
+        # a difference of two peaks, each to the same digits
+        least = 1e-13 * answer.outputs()["peak"]
+        assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(bound, rel=1e-6, abs=least)
+    assert hhr.write_answers(tmp_path / "answers.csv", three.parameters, answers) == 1
+    rows = read_csv(tmp_path / "answers.csv")
+    assert [row["model"] for row in rows] == [*(f"{number:.0f}" for number in numbers[:-1]), ""]
+    assert list(rows[0]).index("model") == list(rows[0]).index("force_0") - 1
+    assert hhr.answer_points(three, np.zeros((0, 2))).columns["model"].shape == (0,)
+
+
+ON_RANKS = """
+import sys
+import hhr_dolfinx as hhr
+from hhr_dolfinx.command.console import make_console
+model = hhr.load_model(sys.argv[1])
+hhr.answer_table(model, hhr.read_points(sys.argv[2], model.parameters), sys.argv[3], make_console())
+"""
+
+
+@needs("ranks", "tables")
+def test_on_two_ranks_a_table_is_the_same(three, tmp_path):
+    hhr.save_model(tmp_path / "local.npz", three)
+    np.savetxt(tmp_path / "points.csv", points_of(three, 15), delimiter=",", header="P1,h1", comments="")
+    texts = []
+    for ranks in (1, 2):
+        out = tmp_path / f"answers{ranks}.csv"
+        launch(ranks, ["-c", ON_RANKS, str(tmp_path / "local.npz"), str(tmp_path / "points.csv"), str(out)])
+        texts.append(out.read_text())
+    assert texts[0] == texts[1]
+    assert {row["model"] for row in read_csv(tmp_path / "answers2.csv")} == {"0", "1", "2"}
+
+
+@needs("fallback", "tables")
+def test_local_models_fall_back_on_the_full_one(three, training):
+    model, points = hhr.FallbackModel(three, training.full_order, 1e-3), np.vstack([points_of(three, 20), [[1e9, 1.0]]])
+    answers = hhr.answer_points(model, points)
+    fell, numbers = answers.columns["fell_back"] == 1, answers.columns["model"]
+    assert 0 < fell.sum() == model.fallen < 40
+    assert np.isnan(numbers[fell]).all() and (numbers[:40][~fell[:40]] >= 0).all()
+    for k in np.flatnonzero(~fell[:40]):
+        estimate = three.solve(points[k]).estimate()
+        assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
+    alone = hhr.answer_points(hhr.FallbackModel(three.models[0], training.full_order), points[:2])
+    assert list(alone.columns) == ["fell_back"]

@@ -193,6 +193,7 @@ def test_a_part_is_not_blamed_for_the_training(training):
     assert not any("empty" in text for text in built(training.full_order, snapshots, recipe, snapshots)[1])
 
 
+@needs("greedy")
 def test_the_recipe_of_a_greedy_training():
     chosen = hhr.train(moving_block(), hhr.Greedy(budget=12, tolerance=1e-9), held_out=0, comm=MPI.COMM_SELF)
     one = chosen.build(checked=False)

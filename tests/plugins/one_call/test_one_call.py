@@ -176,7 +176,7 @@ def test_a_search_goes_on_from_its_folder(tmp_path, varying, monkeypatch):
     np.testing.assert_array_equal(loaded.solve(point).forces(), again.solve(point).forces())
 
 
-@needs("moduli")
+@needs("fallback", "moduli")
 def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
     model = hhr.reduce(varying, 0.01, of="pressure", fallback=True)
     assert isinstance(model, hhr.FallbackModel) and model.reduction.met
