@@ -33,7 +33,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 
     console, progress = spoken()
     made = scene_of(scene)
-    settings, view = settings_of(scene), value_of(scene, "VIEW", View)
+    settings = settings_of(scene)
+    view = value_of(scene, "VIEW", View)
     for point in () if view is None else view.points:
         made.parameters.point(point)  # refuses it before anything is solved
     given = training_of(how, settings)
