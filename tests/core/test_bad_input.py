@@ -13,7 +13,7 @@ from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneError
-from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 from hhr_dolfinx.reduction.projection import reduced_domain
 
@@ -56,8 +56,8 @@ def body(**given):
 BODY, FLAT = body(), block.side(1, upper=False)
 BLOCK, HIGHER = pressed_block("plane_strain"), slope("height")
 TWICE = "contacts 0 and 1 are the same pair"
-UNLIKE = pressed_pair("plane_strain", ((1.0, 0.3), (1.0, 0.3)), matching=False)
-UNLIKE = dataclasses.replace(UNLIKE, contacts=(hhr.NodeToNode(*UNLIKE.contacts[0].tags, (0, 1)),))
+FACING = hhr.NodeToNode(two_blocks.side(1, 1, True), two_blocks.side(2, 1, False), (0, 1))
+UNLIKE = pressed_pair("plane_strain", ((1.0, 0.3), (1.0, 0.3)), matching=False, contacts=(FACING,))
 REFUSED = [
     # of a mesh
     (lambda: built(contacts=(hhr.NodeToNode(geometry.UPPER_ARC, geometry.LOWER_ARC, (0, 1)),)), "do not face each"),

@@ -336,6 +336,7 @@ def test_xdmf_without_its_numbers(tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
+@needs("nonmatching")
 @pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
 def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
     """Blocks of hexahedra, of faces and of a line, as meshio and MOOSE write them."""

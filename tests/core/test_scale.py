@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
-from needs import OURS, needs, present
+from needs import OURS, mortar, needs, node_to_surface, present
 from petsc4py import PETSc
 from scenes import check_like, largest_difference
 from scipy.sparse import csc_matrix
@@ -79,7 +79,7 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         again.displacement()
 
 
-PAIRING = hhr.Mortar if present("mortar") else hhr.NodeToSurface
+PAIRING = mortar if present("mortar") else node_to_surface
 """What is tested here does not depend on it."""
 
 
