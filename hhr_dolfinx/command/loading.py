@@ -49,13 +49,12 @@ def beside(name: str, attribute: str) -> Any:
         return None
 
 
-def value_of(name: str, attribute: str, kind: type) -> Any:
-    """``SETTINGS`` or ``VIEW`` next to a scene, a value or a function without arguments that makes it, or None.
+def value_of(found: Any, name: str, attribute: str, kind: type) -> Any:
+    """``SETTINGS`` or ``VIEW`` as found :func:`beside` a scene, a value or a function that makes it, or None.
 
     Raises:
         SceneError: if it is of another class, or the function needs arguments.
     """
-    found = beside(name, attribute)
     if inspect.isfunction(found):
         if needed := _needed(found):
             raise SceneError(f"{attribute} beside {name} needs {', '.join(needed)}; give them defaults")

@@ -127,11 +127,11 @@ def settings_of(scene: str) -> Any:
     from hhr_dolfinx.command.loading import beside, value_of
     from hhr_dolfinx.errors import NotOfferedError
 
-    if beside(scene, "SETTINGS") is None:
+    if (found := beside(scene, "SETTINGS")) is None:
         return None
     if (kind := registry.offered("settings")) is None:
         raise NotOfferedError(f"SETTINGS beside {scene} needs the plug-in 'studies', which is not installed")
-    return value_of(scene, "SETTINGS", kind)
+    return value_of(found, scene, "SETTINGS", kind)
 
 
 def training_of(how: dict[str, Any], settings: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -261,7 +260,10 @@ class FullOrderModel(FullModel):
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start
-        with at.stiffness.held() if self.system.anew else nullcontext():
+        if self.system.anew:
+            with at.stiffness.held():
+                answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
+        else:
             answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer

@@ -44,9 +44,12 @@ class SystemAt:
         stiffness = self.stiffness
         problem = self.problem
         free = stiffness.solve(self.loads)
-        closed = problem.contact_rows_times(free)
-        free = problem.spread.whole(free)
-        response = self._response
+        closed = problem.contact_of_rows @ free
+        response = stiffness.response_to_forces
+        if not (rows := problem.spread).all_here:  # a microsecond each, of a query of 80
+            free = rows.whole(free)
+            closed = rows.sum(closed)
+            response = self._response
         kernel = None if problem.kernel is None else problem.kernel.condensed(self)
         changes = self._at_fixed_forces
         return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness)

@@ -26,7 +26,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     """Train, then compare errors and times with the full order and condensation; write report, pictures and model."""
     from dataclasses import replace
 
-    from hhr_dolfinx.command.loading import scene_of, value_of
+    from hhr_dolfinx.command.loading import beside, scene_of, value_of
     from hhr_dolfinx.plugins.studies.settings import StudySettings
     from hhr_dolfinx.plugins.studies.study import study_scene
     from hhr_dolfinx.plugins.studies.view import View
@@ -34,7 +34,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     console, progress = spoken()
     made = scene_of(scene)
     settings = settings_of(scene)
-    view = value_of(scene, "VIEW", View)
+    view = value_of(beside(scene, "VIEW"), scene, "VIEW", View)
     for point in () if view is None else view.points:
         made.parameters.point(point)  # refuses it before anything is solved
     given = training_of(how, settings)
