@@ -58,10 +58,10 @@ def test_an_overlap_larger_than_a_cell_is_named(pairing):
 
 
 @needs("mortar")
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 def test_normals_tags_and_multipliers_that_are_none(pairing):
     tags = patch.scene(pairing).contacts[0].tags
-    for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0)):
+    for normal in ((0.0, 0.0), (np.nan, 1.0), (0.0, 0.0, 1.0), "down"):
         with pytest.raises(SceneError, match="must be a non-zero vector of length 2"):
             with_contact(pairing, *tags, normal)
     with pytest.raises(SceneError, match="multipliers 'triple' are unknown, one of dual, standard"):

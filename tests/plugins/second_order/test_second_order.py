@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from functools import partial
 
+import contact_patch_test as patch
 import contract
 import hertz_half_discs
 import numpy as np
@@ -243,6 +244,9 @@ def test_conditions_at_imposed_displacements_are_independent(hertz):
 def test_a_coarse_slave_is_told_to_take_mortar():
     with pytest.warns(PairingWarning, match="Take Mortar"):
         hhr.FullOrderModel(pressed(2, False, "node to surface", alike=False), MPI.COMM_SELF)
+    nested = patch.scene(hhr.NodeToSurface, (6, 2), (3, 2), poisson=0.3)  # nodes of the slave lie on nodes
+    with pytest.warns(PairingWarning, match="Take Mortar"):
+        hhr.FullOrderModel(dataclasses.replace(nested, order=2), MPI.COMM_SELF)
 
 
 @needs("checks", "floating")
