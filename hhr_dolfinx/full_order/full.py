@@ -24,7 +24,7 @@ from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.full import FullModel, Guard
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
@@ -258,13 +258,8 @@ class FullOrderModel(FullModel):
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
-        at = self.system.at(point)
         start = None if isinstance(start, str) else start
-        if self.system.anew:
-            with at.stiffness.held():
-                answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
-        else:
-            answer = answer_of(at.contact(), point, start, self.pairs, self, gradient=gradient)
+        answer = self.system.answer(point, start, self.pairs, self, gradient)
         self.strains.look(answer)
         return answer
 

@@ -8,22 +8,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+from hhr_dolfinx.models.answer import found_as
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.amplitudes import Theta
+    from hhr_dolfinx.contact.active_set import Pairs
     from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.answer import Answer, ModelFields
 
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
 
@@ -104,6 +109,14 @@ class System(ABC):
         """K at a point, (P,)."""
         return self.at(point).stiffness
 
+    def answer(
+        self, point: np.ndarray, start: np.ndarray | None, pairs: Pairs | None, fields: ModelFields, gradient: bool
+    ) -> Answer:
+        """Solve at a point, (P,), from statuses, (m,), or with None from those of the free slack."""
+        at = self.at(point)
+        with at.stiffness.held() if self.anew else nullcontext():
+            return answer_of(at.contact(), point, start, pairs, fields, gradient=gradient)
+
     @abstractmethod
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all differences of systems."""
@@ -154,6 +167,20 @@ class ConstantSystem(_OfParts):
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         return self.problem, self.middle(), self._own_loads @ theta
+
+    def answer(
+        self, point: np.ndarray, start: np.ndarray | None, pairs: Pairs | None, fields: ModelFields, gradient: bool
+    ) -> Answer:
+        """See :class:`System`; written out where possible, since values of a point take an eighth of a small query."""
+        problem = self.problem
+        if gradient or problem.kernel is not None or not problem.spread.all_here:
+            return super().answer(point, start, pairs, fields, gradient)
+        theta = problem.amplitudes(point)
+        stiffness = self.middle()
+        free = stiffness.solve(self._own_loads @ theta)
+        slack = problem.gaps @ theta - problem.contact_of_rows @ free
+        found = active_set(stiffness.equalities, slack, slack < 0 if start is None else start, pairs=pairs)
+        return found_as(found, point, free - stiffness.response_to_forces(found.forces), fields)
 
     @cached_property
     def _own_loads(self) -> csc_matrix:

@@ -100,13 +100,6 @@ class AnsweringModel(Shown):
     usual_outside: ClassVar[str] = "warn"
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
 
-    def __getattr__(self, name: str) -> Any:
-        """Law of the contacts by the former name of the attribute, for one version."""
-        if name.startswith("_") or name not in registry.named("pair_laws"):
-            raise AttributeError(f"a {type(self).__name__} has no {name!r}")
-        warn(f"model.{name} is now model.law", DeprecationWarning, stacklevel=2)
-        return self.law if self.law.plugin else None
-
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         names = self.parameters.names
@@ -381,3 +374,17 @@ class KeptModel(AnsweringModel):
         if self.fields.functionals is not None:
             places = 0 if self.fields.flow is None else self.fields.flow.places
             self.fields.functionals.check(self.parameters, self.conditions, places)
+
+
+def _former(name: str) -> property:
+    """Law of the contacts by the former name of the attribute, for one version."""
+
+    def law(model: AnsweringModel) -> ContactLaw | None:
+        warn(f"model.{name} is now model.law", DeprecationWarning, stacklevel=2)
+        return model.law if model.law.plugin else None
+
+    return property(law)
+
+
+for _name in registry.named("pair_laws"):  # no __getattr__: with one, every attribute of a query takes longer
+    setattr(AnsweringModel, _name, _former(_name))
