@@ -11,14 +11,13 @@ from verify import HistoryCase
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 Family = Callable[[float], Path]
 """Times and parameters for a gap in um."""
 VALUES, RECIPE = (5.0, 10.0, 15.0), demo.recipe()
 
 
-def with_laws(pellet: Flow | None = None, cladding: Flow | None = None) -> hhr.Scene:
+def with_laws(pellet: hhr.Law | None = None, cladding: hhr.Law | None = None) -> hhr.Scene:
     """The scene with other laws."""
     base = demo.scene(**QUICK_MESH, cladding_axial_cells=15)
     laws = (pellet or base.bodies[0].law, cladding or base.bodies[1].law)

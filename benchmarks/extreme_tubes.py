@@ -9,7 +9,6 @@ from verify import HistoryCase, Known
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.answer import History, Path
-from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
 """Limit load of a tube 1 <= r <= 2 that yields at 1 without hardening, in plane strain."""
@@ -29,7 +28,7 @@ def tube_cases() -> Iterator[HistoryCase]:
         yield HistoryCase(f"Norton tube{cells}", scene, held, (0.4, 0.5, 0.6), known=creep)
 
 
-def tube(law: Flow, simplices: bool = False) -> hhr.Scene:
+def tube(law: hhr.Law, simplices: bool = False) -> hhr.Scene:
     """Tube 1 <= r <= 2 held axially, with inner pressure, and a wall that it never touches."""
     return hhr.Scene(
         name="tube",

@@ -153,10 +153,6 @@ class FarSlidingWarning(UserWarning):
     """Surfaces have slid farther than the cells on which they were paired."""
 
 
-class LawWarning(UserWarning):
-    """A law returns a slope that is not the derivative of its flow."""
-
-
 class TimeStepWarning(UserWarning):
     """The time steps of a history are too long for the rates of its laws."""
 

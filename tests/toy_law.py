@@ -1,31 +1,35 @@
-"""A law of flow of a user's own, Bingham's; a file keeps it, ``load_model(path, known=[Bingham])``."""
+"""A law of a body of a user's own, Bingham's, stated in UFL."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
+import ufl
+from needs import present
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.forms.laws import At, Stated, closed
+
+NOT_NEGATIVE = (-5e-324, float("inf"))
 
 
 @dataclass(frozen=True)
-class Bingham:
+class Bingham(hhr.Law if present("inelastic") else object):  # type: ignore[misc]
     """Linear viscoplasticity with a threshold: rate of p = max(σ_eq - σ0, 0) / η, implicit Euler.
 
     η is in stress times seconds; 0 is perfect plasticity.
     """
 
-    yield_stress: float
-    viscosity: float
+    yield_stress: float | str
+    viscosity: float | str
+    limits: ClassVar = {"yield_stress": NOT_NEGATIVE, "viscosity": NOT_NEGATIVE}
 
-    def __post_init__(self) -> None:
-        """Refuse what is no threshold or would flow backwards."""
-        if not (0 <= self.yield_stress < np.inf and 0 <= self.viscosity < np.inf):
-            raise ValueError(f"yield stress {self.yield_stress} and viscosity {self.viscosity} must not be negative")
+    def statement(self, at: At) -> Stated:
+        """η Δp = dt (q_tr - 3 mu Δp - σ0) in closed form."""
+        c = at.constants
 
-    def flow(
-        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.plugins.inelastic.laws.Flow`."""
-        slope = dt / (self.viscosity + 3 * shear * dt)
-        over = trial - self.yield_stress
-        return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
+        def flow(trial, stiff):
+            return at.dt * ufl.max_value(trial - c.yield_stress, 0) / (c.viscosity + stiff * at.dt)
+
+        return closed(at, flow)

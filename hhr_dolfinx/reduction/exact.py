@@ -41,7 +41,8 @@ class ExactCondensation(Reductor[Task]):
 
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
         """The model."""
-        full, snapshots = prepared.full, prepared.snapshots
+        full = prepared.full
+        snapshots = prepared.snapshots
         if snapshots is None or full.law.remembers:
             known = _known_statuses(full)
         else:

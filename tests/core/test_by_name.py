@@ -103,13 +103,14 @@ def test_what_is_wrong_with_an_installed_name_is_said(used):
     assert "contact_toy cannot be loaded: ModuleNotFoundError" in used["no module"]
 
 
+@needs("inelastic")
 def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
     """Its public names, parts of scenes, classes of files, commands, and what it keeps beside a model."""
     program = (
         "import hhr_dolfinx as hhr; from hhr_dolfinx.by_name import find, names\n"
         "from hhr_dolfinx.online.model_file import Kinds\n"
-        "from contact_toys.parts import Newtonian, Ramp\n"
-        "assert hhr.Newtonian is Newtonian is Kinds()['Newtonian'] and 'Newtonian' in hhr.__all__\n"
+        "from contact_toys.laws import Newtonian; from contact_toys.parts import Ramp\n"
+        "assert hhr.Newtonian is Newtonian and Kinds()['Ramp'] is Ramp and 'Newtonian' in hhr.__all__\n"
         "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'\n"
         "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx.registry import listed\n"
         "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"

@@ -40,7 +40,7 @@ def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplic
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]
     operator = strain_operator(built)
-    stiffness = operator.stiffness(material_at(scene, built.cell_bodies(), operator).elastic, operator.pattern())
+    stiffness = operator.stiffness(material_at(built, built.cell_bodies(), operator).elastic, operator.pattern())
     u, v = ufl.TrialFunction(built.space), ufl.TestFunction(built.space)
     dx = ufl.dx(domain=built.mesh, metadata={"quadrature_degree": built.gauss_degree})
     matrix = petsc.assemble_matrix(fem.form(elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx)))

@@ -27,9 +27,10 @@ from hhr_dolfinx.plugins.friction.surfaces import Surface
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CorrectionStepper
 from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal
+from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
+from hhr_dolfinx.plugins.inelastic.update import Material
 
 NOTHING = np.zeros(0)
 
@@ -140,7 +141,7 @@ class RubbingFlowStepper(CorrectionStepper):
             update = material.update(strain, load.before, load.dt, tangent=True)
         except ConvergenceError as error:
             raise Diverged(str(error)) from error
-        residual = model.flow.tested @ update.state.plastic.T.ravel() - model.flow.modal @ correction
+        residual = model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
         if not np.isfinite(residual).all():
             raise Diverged("a law found no flow, or one that is impossible")
         return _Trial(correction, found, update, strain, residual)

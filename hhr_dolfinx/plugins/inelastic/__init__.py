@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 _HERE = "hhr_dolfinx.plugins.inelastic"
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "inelastic"
+_LAWS = (
+    "Arrhenius Chaboche DruckerPrager Heated Hill Lemaitre Norton Orthotropic Plasticity PlasticityWithCreep "
+    "PrimaryCreep TabulatedHardening Voce"
+)
 
 
 def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
@@ -25,17 +29,17 @@ def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    needs=("small_strains",),
-    public={f"{_HERE}.laws": "Norton Plasticity", f"{_HERE}.recipe": "FlowDeim StressDeim"},
+    needs=("small_strains", "programs"),
+    public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": "FlowDeim StressDeim"},
     parts={
-        "laws": {"Plasticity": f"{_HERE}.laws:Plasticity", "Norton": f"{_HERE}.laws:Norton"},
+        "laws": {name: f"{_HERE}.laws:{name}" for name in _LAWS.split()},
         "checks": {"check_law": f"{_HERE}.testing:check_law"},
     },
     classes={
         f"{_HERE}.completion": "FlowFields GappyField",
         f"{_HERE}.condensed_fields": "CondensedFlowFields PartFactors PlasticFields",
         f"{_HERE}.condensed_flow": "CondensedFlow CondensedFlowModel",
-        f"{_HERE}.laws": "Norton Plasticity",
+        f"{_HERE}.law": "LawProgram",
         f"{_HERE}.outputs": "FlowMises",
         f"{_HERE}.reduced_flow": "ReducedFlow",
         f"{_HERE}.strain": "StrainOperator",
@@ -49,7 +53,7 @@ PLUGIN = Plugin(
         Stage(f"{_HERE}.project:project_points", f"{_BUILD}:project_problem", _wanted),
         Stage(f"{_HERE}.project:check_tangents", f"{_BUILD}:assemble", _with_tangents),
     ),
-    materials=("flow",),
+    materials=("statement",),
     memory=("gauss",),
     answers={"state": f"{_HERE}.state:state", "plastic_strain": f"{_HERE}.state:plastic_strain"},
     facets={

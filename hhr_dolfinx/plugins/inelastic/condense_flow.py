@@ -79,6 +79,7 @@ class FlowingDomain:
     points: np.ndarray  # their numbers, (p,)
     weights: np.ndarray  # quadrature weight times 2 μ in the middle of the box, (p,)
     deviators: np.ndarray  # of the strain of the modes, (p, c, ell)
+    stresses: np.ndarray  # of these strains over 2 μ, (p, c, ell)
 
     @classmethod
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
@@ -86,11 +87,13 @@ class FlowingDomain:
         equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
-            largest = np.maximum(largest, np.abs(gauss_of(answer).state.plastic).max(axis=1) / size)
+            largest = np.maximum(largest, np.abs(gauss_of(answer).state.inelastic).max(axis=1) / size)
         points = np.flatnonzero(largest > FLOWED * largest.max())
-        deviators = np.stack([deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
-        elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
-        return cls(points, (equilibrium.operator.weights.ravel() * elastic[:, -1, -1])[points], deviators)
+        strains = np.stack([equilibrium.strain_of(column)[points] for column in basis.T], axis=2)
+        elastic = equilibrium.material.moduli_at(full.problem.middle).elastic[points]
+        stiff = elastic[:, -1, -1]
+        stresses = np.einsum("pij,pjl->pil", elastic / stiff[:, None, None], strains)
+        return cls(points, equilibrium.operator.weights.ravel()[points] * stiff, deviator(strains), stresses)
 
     def stressed(
         self,
@@ -104,7 +107,7 @@ class FlowingDomain:
         there = StrainAt(equilibrium_of(full).operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
-            plastic = gauss_of(answer).state.plastic[self.points]
+            plastic = gauss_of(answer).state.inelastic[self.points]
             strain = correction_strain(full, elastic, answer, correction, there)
             found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
         return found
@@ -120,7 +123,7 @@ class FlowingDomain:
 
         def needed() -> Iterator[np.ndarray]:
             for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.deviators[part]
+                tested = self.weights[part, None, None] * self.stresses[part]
                 yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(-1, tested.shape[0])
 
         def energies() -> Iterator[np.ndarray]:
@@ -402,12 +405,14 @@ def _online(
     per_mode = strain(basis)
     per_force = strain(elastic.per_force)
     rows = (points * components + np.arange(components)[:, None]).ravel()
-    tested = deviator(per_mode.reshape(len(per_mode), components, -1)).reshape(per_mode.shape)
-    tested *= np.tile(weights, components)
+    elasticity = equilibrium.material.moduli_at(problem.middle).elastic[points]
+    elasticity *= (weights / elasticity[:, -1, -1])[:, None, None]
+    shape = len(per_mode), components, -1
+    tested = np.einsum("pij,ljp->lip", elasticity, per_mode.reshape(shape)).reshape(per_mode.shape)
     work = domain.work(everywhere)
     coupled = np.zeros((len(per_mode), len(problem.gaps)))
     if not problem.law.remembers:
-        coupled = work(elastic.per_force) - tested @ per_force.T
+        coupled = work(elastic.per_force) - tested @ _deviators(per_force, components).T
     schur, pressed, gaps = elastic.condensed(problem)
     return CondensedFlow(
         points=points,
@@ -421,7 +426,7 @@ def _online(
         forced=strain(elastic.forced).T,
         given=strain(elastic.given).T - equilibrium.eigenstrains.tocsr()[rows].toarray(),
         moved=problem.contact @ basis,
-        modal=np.eye(len(per_mode)) - work(basis) + tested @ per_mode.T,
+        modal=np.eye(len(per_mode)) - work(basis) + tested @ _deviators(per_mode, components).T,
         coupled=coupled,
         mode_parts=elastic.parts[np.abs(basis).argmax(axis=0)],  # if there are several parts, each mode is on one
         schur=schur,
@@ -449,6 +454,11 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     return np.append(domain.points[cubature.points], domain.points[kept]), weights
 
 
+def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
+    """Deviators of strains by component, (k, c n)."""
+    return deviator(strains.reshape(len(strains), components, -1)).reshape(strains.shape)
+
+
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points with consecutive indices, and the order of the points in them."""
     found = []
@@ -457,7 +467,7 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
     for group in groups:
         own = np.flatnonzero(np.isin(points, group.indices))
         if own.size:
-            found.append(replace(group, indices=np.arange(start, start + own.size)))
+            found.append(group.some(points[own], np.arange(start, start + own.size)))
             order.append(own)
             start += own.size
     return tuple(found), np.concatenate(order)
@@ -480,7 +490,7 @@ class _FieldModes:
         equilibrium = equilibrium_of(full)
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
-        plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
+        plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         elastic = equilibrium.material.moduli_at(problem.middle).elastic
         forces = np.empty((len(problem.free), plastic.shape[1]))
         stress = np.zeros(elastic.shape[:2])

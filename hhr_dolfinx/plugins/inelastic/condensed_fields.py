@@ -179,7 +179,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
         theta = self._dense(answer.parameter)
-        plastic = gauss_of(answer).state.plastic
+        plastic = gauss_of(answer).state.inelastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -192,7 +192,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
         gauss = gauss_of(answer)
         inside = self.flow.points
-        left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
+        left = self.flow.unforeseen(gauss.state.inelastic) / self._giving(answer.parameter, inside)
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
 
     def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:

@@ -27,7 +27,6 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -36,14 +35,15 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
-from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
-from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_flow, flow_of, kernel_of
+from hhr_dolfinx.plugins.inelastic.update import Group, LastOf, Material
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class CondensedFlow:
     parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
     factors: PartFactors  # moduli of the parts
     per_mode: Annotated[Floats, "ell", "components * points"]  # strain of V, component by component, (ell, c n)
-    tested: Annotated[Floats, "ell", "components * points"]  # weight of each point times 2 μ times its deviator
+    tested: Annotated[Floats, "ell", "components * points"]  # weight of each point times its stress C
     per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
     forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
     # strain of imposed displacements and of the response to them, minus strains without stress
@@ -159,11 +159,10 @@ class CondensedEquilibrium(Histories):
         return self._by_point(free + self._strain_of(np.concatenate([correction, forces])))
 
     def flowing(self, tangents: np.ndarray) -> np.ndarray:
-        """w (G V)^T 2 μ dε_p/dε from consistent tangents on Z, (n, c, c): (ell, c n)."""
+        """w (G V)^T C dε_p/dε from consistent tangents on Z, (n, c, c): (ell, c n)."""
         shape = (self.modes, self.flow.components, self.points.size)
-        # C - C_t over 2 μ is the derivative of the plastic strain
-        shear = np.repeat(self.shear(self.material.groups), np.diff([0, *self.flow.ends]))
-        slopes = (self.material.elastic - tangents) / (2 * shear)[:, None, None]
+        elastic = self.material.elastic
+        slopes = np.linalg.solve(elastic, elastic - tangents)
         return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(self.modes, -1)
 
     def gaps(self, theta: Theta) -> np.ndarray:
@@ -175,10 +174,10 @@ class CondensedEquilibrium(Histories):
         return self.gaps(theta) + self.schur @ x[self.modes :]
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """R for the plastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`, and size of g, (1,)."""
+        """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`; size of g, (1,)."""
         correction = x[: self.modes]
         flow = self.flow
-        found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
+        found = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
         found -= self._coupled @ (x[self.modes :] - self.elastic_forces(theta))
         return found, np.array([np.linalg.norm(correction)])
 
@@ -198,11 +197,6 @@ class CondensedEquilibrium(Histories):
         left, size = self.fields.unexplained(answer)
         return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
 
-    @staticmethod
-    def shear(groups: Sequence[Group]) -> np.ndarray:
-        """Shear modulus of each group, whose Young's moduli are numbers, (G,)."""
-        return np.array([lame_parameters(float(group.young), group.poisson)[1] for group in groups])
-
     def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
         """See :class:`Equilibrium`."""
         return _CondensedLinearisation(self, tangents)
@@ -217,8 +211,7 @@ class CondensedEquilibrium(Histories):
         flow = self.flow
         scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
         arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
-        shear = self.shear(self.material.groups)
-        rest = flow.ends, shear, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
+        rest = flow.ends, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
         every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
         return StepModel(*every)
 
@@ -290,16 +283,17 @@ class CorrectionStepper(Stepper):
 
 
 class CondensedStepper(CorrectionStepper):
-    """Solves steps by the compiled loop, or between user-defined laws by its parts; has its own work arrays."""
+    """Solves steps by the compiled loop; has its own work arrays."""
 
     def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
         super().__init__(model, settings)
         self._arrays = model.step_model
         flow = model.flow
-        sizes = model.modes, model.conditions, flow.points.size, flow.components
+        memory = flow.components + 1 + model.material.remembered
+        sizes = model.modes, model.conditions, flow.points.size, flow.components, memory
         self._work = Work.of(*sizes)
         self._elastic = Work.of(*sizes)
-        self._said = ""
+        self._last = LastOf()  # laws of the last material, as constants seldom change
 
     def _grow(self, size: float) -> None:
         numbers = self._work.numbers
@@ -310,7 +304,9 @@ class CondensedStepper(CorrectionStepper):
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
         before = gauss_of(here).state
-        rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
+        memory = np.vstack([before.inelastic.T, before.cumulated[None], before.memory.T])
+        rest = memory, goal.time - here.time
+        laws: StepLaws = self._last.of(material, lambda: laws_of(material))
         # without a correction, so that these are the forces of the elastic bodies
         load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
         if not touch(self._arrays, load, self._elastic):
@@ -318,88 +314,65 @@ class CondensedStepper(CorrectionStepper):
         spent = 0
         for start in starts:
             self._work.there[:] = start
-            code = self._solve(load, material)
+            code = self._solve(load, laws)
             spent += int(self._work.numbers[compiled_step.ITERATION])
             if code == compiled_step.CONVERGED:
                 return self._answer(goal, load, spent)
         left = self._work.numbers[compiled_step.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
-        why = self._complaint(material) if code == compiled_step.NOT_FINITE else _WHY[code]
+        why = self._complaint(load, material) if code == compiled_step.NOT_FINITE else _WHY[code]
         left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
         raise Diverged(f"{why}{left_over} after {spent} iterations")
 
-    def _solve(self, load: StepLoad, material: Material) -> int:
+    def _solve(self, load: StepLoad, laws: StepLaws) -> int:
         """Try once from the correction in the work arrays; returns why it ended."""
-        settings = self.settings
-        work = self._work
-        self._said = ""
-        kernels = [kernel for group in material.groups if (kernel := kernel_of(group.law)) is not None]
-        limits = settings.relative_force, settings.iterations
+        limits = self.settings.relative_force, self.settings.iterations
         try:
-            if len(kernels) == len(material.groups):
-                kinds = np.array([kind for kind, _ in kernels])
-                constants = np.array([values for _, values in kernels])
-                return int(compiled_step.solve(self._arrays, load, work, kinds, constants, *limits))
-            compiled_step.begin(work)
-            code = compiled_step.prepare(self._arrays, load, work)
-            while code == compiled_step.EVALUATE:
-                self._evaluate(load, material)
-                code = compiled_step.judge(self._arrays, load, work, *limits)
-                if code == compiled_step.EVALUATE:
-                    code = compiled_step.prepare(self._arrays, load, work)
+            return int(compiled_step.solve(self._arrays, load, self._work, laws, *limits))
         except LinAlgError:
             return compiled_step.STALLED
+
+    def _complaint(self, load: StepLoad, material: Material) -> str:
+        """Message on what is wrong with the strain tried last."""
+        components = len(self._work.stress)
+        strain = self._work.strain.reshape(components, -1).T
+        try:
+            material.update(strain, _state(load.memory, components), load.dt, tangent=False)
         except ConvergenceError as error:
-            self._said = str(error)
-            return compiled_step.NOT_FINITE
-        return int(code)
-
-    def _complaint(self, material: Material) -> str:
-        """Message on what is wrong with the plastic strain tried last."""
-        if self._said:
-            return self._said
-        work = self._work
-        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
-            if group.law is not None:
-                own = group.indices
-                try:
-                    check_flow(group.law, work.amount[own], work.slope[own], work.trial[own], float(shear))
-                except ConvergenceError as error:
-                    return str(error)
+            return str(error)
         return _WHY[compiled_step.NOT_FINITE]
-
-    def _evaluate(self, load: StepLoad, material: Material) -> None:
-        """Evaluate laws in Python, for models with user-defined ones."""
-        work = self._work
-        for group, shear in zip(material.groups, self._arrays.shear, strict=True):
-            own = slice(int(group.indices[0]), int(group.indices[-1]) + 1)
-            if group.law is None:
-                work.amount[own] = work.slope[own] = 0.0
-                continue
-            trial = work.trial[own].copy()
-            cumulated = load.cumulated[own].copy()
-            # a law that writes into its arguments would corrupt the return mapping or an earlier step
-            trial.setflags(write=False)
-            cumulated.setflags(write=False)
-            amount, slope = flow_of(group.law, trial, cumulated, float(shear), load.dt)
-            if not amount.shape == slope.shape == trial.shape:
-                check_flow(group.law, amount, slope, trial, float(shear))
-            work.amount[own] = amount
-            work.slope[own] = slope
 
     def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
         """Answer from the work arrays."""
         model = self.model
         work = self._work
         self._grow(float(np.linalg.norm(work.here)))
-        plastic = work.plastic.T.copy()
-        strain = work.strain.reshape(work.plastic.shape).T
+        components = len(work.stress)
+        strain = work.strain.reshape(work.stress.shape).T
         self._strains.check(strain)
-        stress = np.einsum("nij,nj->ni", model.material.elastic, strain - plastic)
-        gauss = GaussState(stress, State(plastic, load.cumulated + work.amount))
+        state = _state(work.memory.copy(), components)
+        stress = np.einsum("nij,nj->ni", model.material.elastic, strain - state.inelastic)
+        gauss = GaussState(stress, state)
         forces = work.forces.copy()
         unknown = np.concatenate([work.here, forces])
         how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
         return Answer(goal.parameter, unknown, forces, *how, goal.time, memory=Memory(gauss=gauss))
+
+
+def _state(memory: np.ndarray, components: int) -> State:
+    """State from the memory of a step, (c + 1 + k, n)."""
+    return State(memory[:components].T, memory[components], memory[components + 1 :].T)
+
+
+def laws_of(material: Material) -> StepLaws:
+    """Laws of the groups of a material for the compiled step; their constants must be numbers."""
+    laws = [group.law for group in material.groups]
+    numbers = np.cumsum([law is not None for law in laws]) - 1
+    numbers[[law is None for law in laws]] = -1
+    constants = np.zeros((max(len(given.constants) for given in material.given), material.gauss_points))
+    for group, given in zip(material.groups, material.given, strict=True):
+        constants[: len(given.constants), group.indices] = given.constants
+    compliance = np.stack([given.compliance for given in material.given])
+    return StepLaws(material.code, numbers, constants, compliance)
 
 
 class CondensedFlowModel(KeptModel):

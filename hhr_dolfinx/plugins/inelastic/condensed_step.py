@@ -9,18 +9,18 @@ where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e
 meaningful. The few points Z integrate the stress of the correction in inelastic regions, C (ε_p - dev ε_c). The rest is
 linear in g and λ, and computed exactly. Summed over Z, with weights w, that is
 
-    R(g) = sum of w (G V)^T 2 μ ε_p - Q g - P (λ - λ_e),
+    R(g) = sum of w (G V)^T C ε_p - Q g - P (λ - λ_e),
     Q = I - (∫ - sum of w) (G V)^T 2 μ dev G V,      P = (∫ - sum of w) (G V)^T 2 μ dev G K^-1 B^T,
 
 so that Q and P correct the error of the cubature when ε_p follows dev ε, as in slow creep: the tangent stays definite
 there. With Q = I and P = 0 its sign would change with the errors of the weights. On statuses A, with
 E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is a sum over the points with plastic flow,
 
-    J = sum of w (G V)^T 2 μ (dε_p/dε) dev E_A - Q - P_A W.
+    J = sum of w (G V)^T C (dε_p/dε) E_A - Q - P_A W,      dε_p/dε = 1 - C^-1 H,
 
-Laws are evaluated between :func:`prepare` and :func:`judge`: those of the package in the same compiled loop,
-user-defined ones in Python. The first step of an installation waits for the compiler. It optimises a called function
-again for each caller, so calls are few and shallow. Loops are written out: they compile ten times as fast as
+with consistent tangents H. ε_p = ε - C^-1 σ is the inelastic strain of any law, with the elasticity C of the bodies.
+The first step of an installation waits for the compiler. It optimises a called function again for each caller, so calls
+are few and shallow. Loops are written out: they compile ten times as fast as
 expressions of whole arrays.
 
 The sections of this file: arrays of a step and their names (few arguments, since each takes time to compile), contact
@@ -34,10 +34,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.plugins.inelastic.compiled_laws import flow_at
+from hhr_dolfinx.plugins.inelastic.local_solver import CONSTANTS, MEMORY, Code, solve_points
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
-"""Results of :func:`judge`: evaluate the laws at the trial point, or the reason to stop."""
+"""Evaluate the laws at the trial point, or the reason to stop."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
 """Indices in ``Work.numbers``: evaluations of laws, |R| at ``here``, part of the direction tried, largest |g| so far,
 active conditions, changes of the inverse; and the state of J: absent, outdated, or that of ``here``."""
@@ -48,7 +48,7 @@ class StepModel(NamedTuple):
     """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points)."""
 
     per_mode: np.ndarray  # strain of each mode, (ell, c n), by component, so that loops over points vectorise
-    tested: np.ndarray  # weight times 2 μ times the deviator of each, in the moduli of unit energy
+    tested: np.ndarray  # weight times the stress C of each, in the moduli of unit energy
     per_force: np.ndarray  # strain of K^-1 B^T in these moduli, (m, c n)
     scale: np.ndarray  # factor of the strain of contact forces, (c n,); empty if it is 1
     schur: np.ndarray  # S, (m, m)
@@ -56,7 +56,6 @@ class StepModel(NamedTuple):
     modal: np.ndarray  # Q, (ell, ell)
     coupled: np.ndarray  # P, (ell, m)
     ends: np.ndarray  # last point of each group and one, (G,)
-    shear: np.ndarray  # of each group, (G,)
     weight: float  # norm of ``tested``
     single: np.ndarray  # ``per_mode`` in single precision, for Newton's matrix
 
@@ -67,9 +66,17 @@ class StepLoad(NamedTuple):
     strain: np.ndarray  # strain without correction and contact forces, (c n,)
     forces: np.ndarray  # λ_e, (m,)
     slack: np.ndarray  # slack without correction and contact forces, (m,)
-    plastic: np.ndarray  # plastic strain before the step, (c, n)
-    cumulated: np.ndarray  # cumulated plastic strain before it, (n,)
+    memory: np.ndarray  # before the step: inelastic strain, its cumulated amount and further variables, (c + 1 + k, n)
     dt: float  # its duration in seconds
+
+
+class StepLaws(NamedTuple):
+    """Laws of the groups, with numbers as constants."""
+
+    code: Code  # of all laws
+    numbers: np.ndarray  # of the law of each group in ``code``; -1 of an elastic one, (G,)
+    constants: np.ndarray  # E, ν and those of the law of each point, (most, n)
+    compliance: np.ndarray  # C^-1 of each group, (G, c, c)
 
 
 class Work(NamedTuple):
@@ -88,24 +95,26 @@ class Work(NamedTuple):
     rows: np.ndarray  # E_X,A, (m, c n), with the active conditions first, in this order
     newton: np.ndarray  # inverse of -J, (ell, ell)
     strain: np.ndarray  # at ``there``, (c n,)
-    deviator: np.ndarray  # of the trial stress, (c, n)
-    trial: np.ndarray  # equivalent trial stress, (n,)
-    amount: np.ndarray  # plastic increment, (n,)
-    slope: np.ndarray  # of the increment by the trial stress, (n,)
-    plastic: np.ndarray  # plastic strain at ``there``, (c, n)
+    stress: np.ndarray  # at ``there``, (c, n)
+    memory: np.ndarray  # at ``there``, as before the step, (c + 1 + k, n)
+    slopes: np.ndarray  # dε_p/dε at ``here``, (c, c, n)
+    result: np.ndarray  # of the laws at each point, (n,)
     numbers: np.ndarray  # iterations and the like, see ``ITERATION``
 
     @classmethod
-    def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
+    def of(cls, modes: int, conditions: int, points: int, components: int, memory: int) -> Work:
         """Arrays of these sizes, without active conditions."""
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), modes)
-        shapes |= dict.fromkeys(("forces", "slack"), conditions) | dict.fromkeys(("trial", "amount", "slope"), points)
-        shapes |= dict.fromkeys(("deviator", "plastic"), (components, points)) | {"newton": (modes, modes)}
+        shapes |= dict.fromkeys(("forces", "slack"), conditions) | {"newton": (modes, modes)}
+        shapes |= {"stress": (components, points), "memory": (memory, points)}
+        shapes |= {"slopes": (components, components, points)}
         shapes |= {"strain": components * points, "rows": (conditions, components * points)}
         shapes |= {"inverse": (conditions, conditions), "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        return cls(**arrays, active=np.zeros(conditions, dtype=bool), order=np.zeros(conditions, dtype=np.int64))
+        whole = {"order": conditions, "result": points}
+        arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in whole.items()}
+        return cls(**arrays, active=np.zeros(conditions, dtype=bool))
 
 
 PATIENCE = 10
@@ -328,63 +337,101 @@ def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode
             strain[k] += share * per_mode[j, k]
 
 
-@compiled(inner=True, fastmath=ANY_ORDER)
-def _set_trial(strain, plastic, ends, shear, deviator, trial):
-    """Compute deviator and equivalent stress of an elastic trial step."""
-    components, points = plastic.shape
+@compiled(inner=True)
+def _evaluate(ends, load, laws, work, tangent):
+    """Evaluate the laws at the strain in ``work``: stress and memory, or the slopes of the inelastic strain alone."""
+    components, points = work.stress.shape
+    rows = work.memory.shape[0]
     start = 0
     for group in range(ends.size):
-        twice = 2 * shear[group]
         end = ends[group]
-        for k in range(start, end):
-            trial[k] = (strain[k] + strain[points + k] + strain[2 * points + k]) / 3
+        count = end - start
+        law = laws.numbers[group]
+        strain = np.empty((components, count))
+        stress = np.empty((components, count))
         for i in range(components):
-            for k in range(start, end):
-                mean = trial[k] if i < 3 else 0.0
-                deviator[i, k] = twice * (strain[i * points + k] - plastic[i, k] - mean)
+            for k in range(count):
+                strain[i, k] = work.strain[i * points + start + k]
+        if law < 0:
+            _store_elastic(work, start, end)
+            start = end
+            continue
+        own = laws.code.sizes[law, MEMORY]
+        old = np.empty((own, count))
+        new = np.empty((own, count))
+        for i in range(own):
+            for k in range(count):
+                old[i, k] = load.memory[i, start + k]
+        constants = np.empty((laws.code.sizes[law, CONSTANTS], count))
+        for i in range(len(constants)):
+            for k in range(count):
+                constants[i, k] = laws.constants[i, start + k]
+        tangents = np.empty((components, components, count if tangent else 0))
+        result = np.zeros(count, dtype=np.int64)
+        compliance = laws.compliance[group]
+        solve_points(laws.code, law, strain, old, load.dt, constants, compliance, stress, new, tangents, result)
+        if tangent:
+            _store_slopes(work.slopes, tangents, compliance, start)
+            start = end
+            continue
+        for k in range(count):
+            work.result[start + k] = result[k]
+        for i in range(components):
+            for k in range(count):
+                work.stress[i, start + k] = stress[i, k]
+        for i in range(rows):
+            for k in range(count):
+                work.memory[i, start + k] = new[i, k] if i < own else load.memory[i, start + k]
         start = end
-    for k in range(points):
-        trial[k] = 0.0
-    for i in range(components):
-        for k in range(points):
-            trial[k] += deviator[i, k] * deviator[i, k]
-    for k in range(points):
-        trial[k] = np.sqrt(1.5 * trial[k])
 
 
 @compiled(inner=True)
-def _possible(ends, shear, amount, slope, trial):
-    """True if plastic increments are finite and reverse no stress."""
-    start = 0
-    for group in range(ends.size):
-        stiff = 3 * shear[group]
-        for k in range(start, ends[group]):
-            if not (amount[k] >= 0 and stiff * amount[k] <= trial[k] * (1 + 1e-9) and np.isfinite(slope[k])):
-                return False
-        start = ends[group]
+def _store_elastic(work, start, end):
+    """No inelastic strain, and no slopes of it."""
+    components = work.stress.shape[0]
+    for k in range(start, end):
+        work.result[k] = 0
+        for i in range(work.memory.shape[0]):
+            work.memory[i, k] = 0.0
+        for i in range(components):
+            for j in range(components):
+                work.slopes[i, j, k] = 0.0
+
+
+@compiled(inner=True)
+def _store_slopes(slopes, tangents, compliance, start):
+    """1 - C^-1 H at the points of a group."""
+    components, _, count = tangents.shape
+    for i in range(components):
+        for j in range(components):
+            for k in range(count):
+                slopes[i, j, start + k] = 1.0 if i == j else 0.0
+            for m in range(components):
+                share = compliance[i, m]
+                if share != 0.0:
+                    for k in range(count):
+                        slopes[i, j, start + k] -= share * tangents[m, j, k]
+
+
+@compiled(inner=True)
+def _possible(result):
+    """True if all laws have an answer."""
+    for k in range(result.size):
+        if result[k] != 0:
+            return False
     return True
 
 
-@compiled(inner=True)
-def _set_plastic(old, amount, trial, deviator, plastic):
-    """Compute the plastic strain after the step."""
-    components, points = plastic.shape
-    for i in range(components):
-        for k in range(points):
-            along = 1.5 * amount[k] / trial[k] if amount[k] > 0 else 0.0
-            plastic[i, k] = old[i, k] + along * deviator[i, k]
-
-
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _set_residual(tested, plastic, modal, there, coupled, forces, elastic, residual):
+def _set_residual(tested, memory, components, modal, there, coupled, forces, elastic, residual):
     """Compute R; returns the sum of its entries, which is finite if all are."""
-    components, points = plastic.shape
+    points = memory.shape[1]
     total = 0.0
     for j in range(residual.size):
         value = 0.0
         for i in range(components):
             for k in range(points):
-                value += tested[j, i * points + k] * plastic[i, k]
+                value += tested[j, i * points + k] * memory[i, k]
         for i in range(there.size):
             value -= modal[j, i] * there[i]
         for i in range(forces.size):
@@ -395,38 +442,20 @@ def _set_residual(tested, plastic, modal, there, coupled, forces, elastic, resid
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _flowing_of(tested, ends, shear, deviator, trial, amount, slope):
-    """w (G V)^T 2 μ dε_p/dε, (ell, c n).
-
-    dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
-    """
-    components, points = deviator.shape
-    turned = np.zeros(points)
-    along = np.zeros(points)
-    start = 0
-    for group in range(ends.size):
-        stiff = 3 * shear[group]
-        end = ends[group]
-        for k in range(start, end):
-            if amount[k] > 0:
-                q = trial[k]
-                turned[k] = stiff * amount[k] / q
-                along[k] = 1.5 * (stiff * slope[k] - turned[k]) / (q * q)
-        start = end
-    found = np.empty(tested.shape, dtype=np.float32)
-    onto = np.empty(points)
+def _flowing_of(tested, slopes):
+    """w (G V)^T C dε_p/dε, (ell, c n)."""
+    components, _, points = slopes.shape
+    found = np.zeros(tested.shape, dtype=np.float32)
+    total = np.empty(points)
     for j in range(len(found)):
-        for k in range(points):
-            onto[k] = 0.0
         for i in range(components):
             for k in range(points):
-                onto[k] += tested[j, i * points + k] * deviator[i, k]
-        for k in range(points):
-            onto[k] *= along[k]
-        for i in range(components):
+                total[k] = 0.0
+            for m in range(components):
+                for k in range(points):
+                    total[k] += tested[j, m * points + k] * slopes[m, i, k]
             for k in range(points):
-                place = i * points + k
-                found[j, place] = tested[j, place] * turned[k] + onto[k] * deviator[i, k]
+                found[j, i * points + k] = total[k]
     return found
 
 
@@ -453,75 +482,35 @@ _begin = compiled(inner=True)(begin)
 
 
 @compiled(dear=STEP)
-def solve(
-    model: StepModel,
-    load: StepLoad,
-    work: Work,
-    kinds: np.ndarray,
-    constants: np.ndarray,
-    tolerance: float,
-    most: int,
-) -> int:
-    """Solve a step from the correction in ``work.there`` and the statuses in ``work``, see :func:`judge`.
+def solve(model: StepModel, load: StepLoad, work: Work, laws: StepLaws, tolerance: float, most: int) -> int:
+    """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
-    ``kinds`` and ``constants`` are those of :mod:`plugins.inelastic.compiled_laws`, (G,) and (G, 2).
+    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the evaluations of the laws.
     """
     _begin(work)
     code = EVALUATE
     while code == EVALUATE:
         if not touched(model, load.slack, work):
             return CONTACT
-        _try(model, load.strain, load.plastic, work)
-        start = 0
-        for group in range(model.ends.size):
-            for k in range(start, model.ends[group]):
-                flow = flow_at(
-                    kinds[group],
-                    constants[group, 0],
-                    constants[group, 1],
-                    work.trial[k],
-                    load.cumulated[k],
-                    model.shear[group],
-                    load.dt,
-                )
-                work.amount[k] = flow[0]
-                work.slope[k] = flow[1]
-            start = model.ends[group]
-        code = _judge(model, load, work, tolerance, most)
+        _try(model, load.strain, work)
+        _evaluate(model.ends, load, laws, work, False)
+        code = _judge(model, load, work, laws, tolerance, most)
     return code
 
 
-@compiled()
-def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
-    """Compute contact forces, strain and trial stress at ``work.there``."""
-    if not touched(model, load.slack, work):
-        return CONTACT
-    _try(model, load.strain, load.plastic, work)
-    return EVALUATE
-
-
-@compiled()
-def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
-    """Judge the trial point by the plastic increments there, and choose the next one.
-
-    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the evaluations of the laws.
-    """
-    return _judge(model, load, work, tolerance, most)
-
-
 @compiled(inner=True)
-def _judge(model, load, work, tolerance, most):
+def _judge(model, load, work, laws, tolerance, most):
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
     if first:
         # the residual of a correction as small as this is round-off, as when the first point is about to yield
         numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
-    fine = _possible(model.ends, model.shear, work.amount, work.slope, work.trial)
+    fine = _possible(work.result)
     if fine:
-        _set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
         coupling = model.coupled, work.forces, load.forces
-        left = _set_residual(model.tested, work.plastic, model.modal, work.there, *coupling, work.residual)
+        tested = model.tested, work.memory, work.stress.shape[0]
+        left = _set_residual(*tested, model.modal, work.there, *coupling, work.residual)
         fine = bool(np.isfinite(left))
     if not fine:
         # the correction is too large: a law has no answer there
@@ -542,7 +531,7 @@ def _judge(model, load, work, tolerance, most):
     if numbers[ITERATION] >= most:
         return LIMIT
     if numbers[LINEAR] == NO_TANGENT or (slow and not first):
-        if not _linearise(model, work):
+        if not _linearise(model, load, work, laws):
             return STALLED
     else:
         numbers[LINEAR] = OLD_TANGENT
@@ -617,16 +606,15 @@ def _nearer(work, most):
 
 
 @compiled(inner=True)
-def _try(model, free, plastic, work):
-    """Compute strain and trial stress at ``work.there`` under the forces there."""
+def _try(model, free, work):
+    """Compute the strain at ``work.there`` under the forces there."""
     strain = work.strain
     count = int(work.numbers[COUNT])
     _set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
-    _set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
 
 
 @compiled(inner=True)
-def _linearise(model, work):
+def _linearise(model, load, work, laws):
     """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there; returns False if J is singular.
 
     The plastic part is in single precision: an inaccurate J costs iterations at most, not accuracy.
@@ -648,7 +636,8 @@ def _linearise(model, work):
     for i in range(ell):
         for j in range(ell):
             jacobian[i, j] += model.modal[i, j]
-    if _norm(work.amount) > 0:
+    if _norm(work.memory[work.stress.shape[0]]) > 0:
+        _evaluate(model.ends, load, laws, work, True)
         _add_flowing(model, work, responses, jacobian)
     found = _inverse_of(jacobian)
     total = 0.0
@@ -666,8 +655,7 @@ def _linearise(model, work):
 def _add_flowing(model, work, responses, jacobian):
     """Add the plastic part of -J, by W."""
     count, ell = responses.shape
-    laws = work.deviator, work.trial, work.amount, work.slope
-    flowing = _flowing_of(model.tested, model.ends, model.shear, *laws)
+    flowing = _flowing_of(model.tested, work.slopes)
     direct = np.dot(flowing, model.single.T)
     for j in range(ell):
         for k in range(model.scale.size):

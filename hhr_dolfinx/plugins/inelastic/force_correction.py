@@ -97,7 +97,7 @@ class ForceCorrection(Rebuilt):
                 strain = strain - (self.eigenstrains @ theta).reshape(strain.shape)
             state = material.update(strain, state, answer.time - time, tangent=False).state
             time = answer.time
-            plastic_loads, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.plastic))
+            plastic_loads, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.inelastic))
             slack = self.gaps @ theta - np.tensordot(compliances, self.pressed, 1) @ theta
             slack -= self.per_force.T @ (compliances[self.parts] * plastic_loads)
             yield self._corrected(answer, elastic, slack, forces)

@@ -19,6 +19,7 @@ from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
@@ -27,6 +28,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
@@ -34,7 +36,7 @@ from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs
-from hhr_dolfinx.plugins.inelastic.update import Material, Update
+from hhr_dolfinx.plugins.inelastic.update import Material
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
@@ -74,11 +76,12 @@ class GaussModel:
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         for body in scene.bodies:
-            check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'")
+            names = coordinate_names(scene.hypothesis)
+            check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
         discretisation = Discretisation(scene, comm)
         operator = strain_operator(discretisation)
         bodies = discretisation.cell_bodies()
-        material = material_at(scene, bodies, operator)
+        material = material_at(discretisation, bodies, operator)
         pattern = operator.pattern()
         return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 

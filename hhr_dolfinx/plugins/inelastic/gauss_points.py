@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
@@ -12,12 +14,13 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import kelvin
-from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
+from hhr_dolfinx.plugins.inelastic.constants import check_law, parameters_of
+from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
@@ -29,13 +32,30 @@ def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
     return StrainOperator(*tabulated(discretisation, np.arange(discretisation.cell_bodies().size)), discretisation.size)
 
 
-def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
+def places_of(discretisation: DiscreteSpace) -> np.ndarray:
+    """Coordinates of all Gauss points, (points, d)."""
+    mesh = discretisation.mesh
+    cells = np.arange(discretisation.cell_bodies().size, dtype=np.int32)
+    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
+    place = fem.Expression(ufl.SpatialCoordinate(mesh), points).eval(mesh, cells)
+    return np.reshape(place, (-1, mesh.geometry.dim))
+
+
+def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator) -> Material:
     """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
+    scene = discretisation.scene
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
     for place, body in enumerate(scene.bodies):
         young = body.young if isinstance(body.young, str) else float(body.young)
-        groups.append(Group(np.flatnonzero(of_point == place), young, float(body.poisson), body.law))
+        law = None if body.law is None else program_of(body.law, operator.components)
+        numbers = np.flatnonzero(of_point == place)
+        given = Group(numbers, young, float(body.poisson), law)
+        names = coordinate_names(scene.hypothesis)
+        if parameters_of(law) & (set(names) - set(scene.parameters.names)):
+            given = replace(given, coordinates=names, places=places_of(discretisation)[numbers])
+            check_law(law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names, given.places)
+        groups.append(given)
     return Material(groups, operator.components, scene.parameters.names)
 
 

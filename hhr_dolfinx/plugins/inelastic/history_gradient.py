@@ -22,9 +22,9 @@ from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium
+from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.update import State, Update
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
@@ -115,7 +115,7 @@ class _Step:
         ``scale`` is the largest strain so far.
         """
         model = self._model
-        length = self._length(direction, _largest(change.plastic), scale)
+        length = self._length(direction, _largest(change.inelastic), scale)
 
         def loaded(place: float) -> tuple[np.ndarray, ...]:
             """Residual and gaps at a shifted parameter and state, at the unknown of the step."""

@@ -1,149 +1,416 @@
-"""Laws of von Mises type as numbers: plasticity with hardening and viscoplasticity, thesis section 6.2.
-
-All laws share the radial return. With the trial deviator s_tr = 2 mu dev(ε - εp_old), of equivalent stress q_tr, an
-increment Δp of the cumulated plastic strain gives
-
-    s = (1 - 3 mu Δp / q_tr) s_tr,      εp = εp_old + 3/2 Δp s_tr / q_tr.
-
-The law is one scalar equation for Δp(q_tr), its *flow*. A user-defined law is a class with a method ``flow``;
-everything else is common. ``forms.return_mapping`` states the same in UFL, and tests compare the two.
+"""Laws of bodies that users choose: their constants and limits; :mod:`hhr_dolfinx.forms.laws` states them in UFL.
 
 A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 * T)"``. A step of a
-history has the constants of the parameter at its end: a law with these numbers is made for each step. In a user-defined
-law, a frozen dataclass, any field that may be a ``float`` may be such a text; a ``__post_init__`` that checks numbers
-must accept texts. See :mod:`hhr_dolfinx.plugins.inelastic.constants`.
+history has the constants of the parameter at its end. For a user-defined law see
+:mod:`hhr_dolfinx.plugins.inelastic.law`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
-from typing import Any, ClassVar, Protocol
-
-import numpy as np
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.inelastic.law import AT_LEAST_ONE, NOT_NEGATIVE, NUMBER, POSITIVE, TENSOR, Law
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.forms.laws import At, Stated
+
+_AMOUNT = {"amount": NUMBER}
+_STRESS = {"stress": NUMBER}
+_YIELD = {"yield_stress": POSITIVE, "hardening": NOT_NEGATIVE}
+_CREEP = {"resistance": POSITIVE, "exponent": AT_LEAST_ONE}
+MESH_FRAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors of the mesh."""
 
 
-class Flow(Protocol):
-    """Interface of a law of plasticity or creep.
+class _Stated(Law):
+    """A law of :mod:`hhr_dolfinx.forms.laws`, by the name of its function."""
 
-    A law whose flow does not depend on ``dt`` may declare ``rated: ClassVar[bool] = False``: the training range of its
-    histories then limits directions of the load, not rates.
-    """
+    stated: ClassVar[str]
 
-    def flow(
-        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Increment of cumulated plastic strain in a step, at Gauss points with given trial stress.
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        from hhr_dolfinx.forms import laws
 
-        The derivative speeds up convergence and does not change the solution: compare it with differences of Δp. A step
-        that does not converge is cut, so that a rate-dependent law gets smaller steps; ``History.cuts`` counts them.
+        found: Stated = getattr(laws, self.stated)(at, **self.settings())
+        return found
 
-        Args:
-            trial: equivalent trial stress q_tr, (n,), read-only.
-            plastic_strain: cumulated plastic strain p before the step, (n,), the only internal variable of a law.
-            shear: shear modulus mu.
-            dt: time step in seconds.
-
-        Returns:
-            Flow Δp, 0 <= 3 mu Δp <= q_tr, and its derivative by q_tr, (n,) each.
-
-        Raises:
-            ArithmeticError: if there is no solution; the step is then cut, and the error of a history names the law.
-        """
-
-
-def _holds(what: str, constant: object, possible: Callable[[Any], bool]) -> bool:
-    """True if a constant is a valid number, or a text that is a formula, whose values are checked later."""
-    if isinstance(constant, str):
-        # imported here, since most laws have no formulas
-        from hhr_dolfinx.formulas import formula_of
-
-        formula_of(constant, what)
-        return True
-    return isinstance(constant, Real) and possible(constant)
-
-
-def _number(constant: float | str) -> float:
-    """Value of a constant, which must be a number at this point."""
-    if isinstance(constant, str):
-        raise TypeError(f"{constant!r} is a formula of the parameters: law_at(law, names, point) has its number")
-    return constant
+    def settings(self) -> dict[str, object]:
+        """Further arguments of the function."""
+        return {}
 
 
 @dataclass(frozen=True)
-class Plasticity:
-    """Von Mises plasticity with linear isotropic hardening, thesis (6.23)-(6.26): yield at σ0 + H p.
+class Plasticity(_Stated):
+    """Plasticity with linear isotropic hardening, thesis (6.23)-(6.26): yield at σ0 + H p.
 
     Attributes:
-        yield_stress: σ0, in the unit of stress of the scene, or a formula of the parameters.
-        hardening: H >= 0, or a formula.
+        yield_stress: σ0, in the unit of stress of the scene.
+        hardening: H >= 0.
 
     Example:
         >>> Plasticity("table(T, 20, 300, 600, 180)", hardening="H").yield_stress
         'table(T, 20, 300, 600, 180)'
     """
 
-    rated: ClassVar[bool] = False
     yield_stress: float | str
     hardening: float | str = 0.0
-
-    def __post_init__(self) -> None:
-        yields = _holds("yield_stress of Plasticity", self.yield_stress, lambda value: 0 < value < np.inf)
-        hardens = _holds("hardening of Plasticity", self.hardening, lambda value: 0 <= value < np.inf)
-        if not (yields and hardens):
-            raise SceneError(
-                f"yield stress {self.yield_stress} must be positive and hardening {self.hardening} not negative: "
-                "softening has no answer that does not depend on the mesh"
-            )
-
-    def flow(
-        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
-        from hhr_dolfinx.plugins.inelastic.compiled_laws import PLASTICITY, flows_at
-
-        constants = _number(self.yield_stress), _number(self.hardening)
-        return flows_at(PLASTICITY, constants, trial, plastic_strain, shear, dt)
+    limits: ClassVar = _YIELD
+    stated: ClassVar = "plasticity"
 
 
 @dataclass(frozen=True)
-class Norton:
-    """Norton's viscoplasticity without threshold, thesis (6.28): rate of p = (σ_eq / K)^m, implicit Euler.
+class Voce(_Stated):
+    """Plasticity that saturates, σ0 + H p + Q (1 - exp(-b p)).
+
+    Attributes:
+        yield_stress, saturation: σ0 and Q, stresses.
+        rate: b.
+        hardening: H, a stress.
+    """
+
+    yield_stress: float | str
+    saturation: float | str
+    rate: float | str
+    hardening: float | str = 0.0
+    unknowns: ClassVar = _AMOUNT
+    limits: ClassVar = {**_YIELD, "saturation": NOT_NEGATIVE, "rate": POSITIVE}
+    stated: ClassVar = "voce"
+
+
+@dataclass(frozen=True)
+class TabulatedHardening(_Stated):
+    """Plasticity by a table of the yield stress over p, linear beyond its last point.
+
+    Attributes:
+        points: (p, σ) with growing p from 0 and stresses that do not fall.
+    """
+
+    points: tuple[tuple[float, float], ...]
+    unknowns: ClassVar = _AMOUNT
+    stated: ClassVar = "tabulated"
+
+    def __post_init__(self) -> None:
+        places, heights = zip(*self.points, strict=True) if self.points else ((), ())
+        grows = all(one < other for one, other in pairwise(places))
+        falls = any(one > other for one, other in pairwise(heights))
+        if not (len(places) > 1 and places[0] == 0 and heights[0] > 0 and grows) or falls:
+            raise SceneError(
+                f"the table {self.points} needs (p, stress) with p growing from 0, and a stress that is positive and "
+                "does not fall: softening has no answer that does not depend on the mesh"
+            )
+
+    def settings(self) -> dict[str, object]:
+        """See above."""
+        return {"points": self.points}
+
+
+@dataclass(frozen=True)
+class Chaboche(_Stated):
+    """Kinematic hardening by back stresses and Voce's isotropic hardening; with one back stress Armstrong-Frederick.
+
+    Attributes:
+        yield_stress, saturation, rate: σ0, Q and b of σ0 + Q (1 - exp(-b p)).
+        backs: modulus C, a stress, and recall γ of each back stress; it saturates at C / γ in a pull.
+    """
+
+    yield_stress: float | str
+    backs: tuple[tuple[float | str, float | str], ...]
+    saturation: float | str = 0.0
+    rate: float | str = 1.0
+    unknowns: ClassVar = _AMOUNT
+    stated: ClassVar = "chaboche"
+
+    @property
+    def memory(self) -> Mapping[str, int]:  # type: ignore[override]
+        """See :class:`Law`."""
+        return {f"back_{k + 1}": TENSOR for k in range(len(self.backs))}
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
+        """See :class:`Law`."""
+        each = {f"{name}_{k + 1}": NOT_NEGATIVE for k in range(len(self.backs)) for name in ("modulus", "recall")}
+        return {**each, "yield_stress": POSITIVE, "saturation": NOT_NEGATIVE, "rate": POSITIVE}
+
+    def constants(self) -> dict[str, float | str]:
+        """See :class:`Law`."""
+        pairs = {
+            f"{name}_{k + 1}": value
+            for k, back in enumerate(self.backs)
+            for name, value in zip(("modulus", "recall"), back, strict=True)
+        }
+        return super().constants() | pairs
+
+    def settings(self) -> dict[str, object]:
+        """See above."""
+        return {"backs": len(self.backs)}
+
+
+@dataclass(frozen=True)
+class Norton(_Stated):
+    """Norton's creep without threshold, thesis (6.28): rate of p = (σ_eq / K)^m, implicit Euler.
 
     The thesis prints the exponent as n - 1.
 
     Attributes:
-        resistance: K, in stress times s^(1/m), or a formula of the parameters.
-        exponent: m >= 1, or a formula.
+        resistance: K, in stress times s^(1/m).
+        exponent: m >= 1.
     """
 
     resistance: float | str
     exponent: float | str
+    unknowns: ClassVar = _STRESS
+    limits: ClassVar = _CREEP
+    stated: ClassVar = "norton"
+
+
+@dataclass(frozen=True)
+class Arrhenius(_Stated):
+    """Norton's creep that a temperature quickens: rate of p = (σ_eq / K)^m exp(-Q/R (1/T - 1/T0)).
+
+    Attributes:
+        resistance, exponent: K and m at T0.
+        activation: Q/R in K.
+        temperature: T in K.
+        reference: T0 in K.
+    """
+
+    resistance: float | str
+    exponent: float | str
+    activation: float | str
+    temperature: float | str
+    reference: float | str
+    unknowns: ClassVar = _STRESS
+    limits: ClassVar = {**_CREEP, "activation": NOT_NEGATIVE, "temperature": POSITIVE, "reference": POSITIVE}
+    stated: ClassVar = "arrhenius"
+
+
+@dataclass(frozen=True)
+class PrimaryCreep(_Stated):
+    """Creep that slows as it goes, by strain hardening: p = (σ_eq / K)^n t^m at constant stress.
+
+    Attributes:
+        resistance: K, in stress times s^(m/n).
+        exponent: n >= 1.
+        time_exponent: m, of at most 1.
+    """
+
+    resistance: float | str
+    exponent: float | str
+    time_exponent: float | str
+    unknowns: ClassVar = _STRESS
+    limits: ClassVar = {**_CREEP, "time_exponent": (0.0, 1.0000001)}
+    stated: ClassVar = "primary_creep"
+
+
+@dataclass(frozen=True)
+class PlasticityWithCreep(_Stated):
+    """Norton's creep, and yield at σ0 + H p_p of the plastic part alone.
+
+    Attributes:
+        yield_stress, hardening: σ0 and H.
+        resistance, exponent: K and m, see :class:`Norton`.
+    """
+
+    yield_stress: float | str
+    hardening: float | str
+    resistance: float | str
+    exponent: float | str
+    memory: ClassVar = {"yielded": NUMBER}
+    unknowns: ClassVar = _STRESS
+    limits: ClassVar = {**_YIELD, **_CREEP}
+    stated: ClassVar = "plasticity_with_creep"
+
+
+@dataclass(frozen=True)
+class DruckerPrager(_Stated):
+    """Yield of soil, concrete and powder: √(s:s/2) + η σ_m = k + H p, with tension positive.
+
+    Attributes:
+        cohesion: k, a stress.
+        friction: η.
+        dilatancy: ψ, between 0 and η; η is associated.
+        hardening: H, a stress.
+    """
+
+    cohesion: float | str
+    friction: float | str
+    dilatancy: float | str
+    hardening: float | str = 0.0
+    limits: ClassVar = {"cohesion": POSITIVE, "friction": POSITIVE, "dilatancy": POSITIVE, "hardening": NOT_NEGATIVE}
+    stated: ClassVar = "drucker_prager"
+
+
+@dataclass(frozen=True)
+class Hill(_Stated):
+    """Orthotropic yield in a frame, with linear hardening; F = G = H = 1/2 and L = M = N = 3/2 are von Mises'.
+
+    Attributes:
+        yield_stress, hardening: σ0 and its slope over p.
+        f, g, h, l, m, n: Hill's constants.
+        frame: unit vectors of the material; in the plane the third one is (0, 0, 1).
+    """
+
+    yield_stress: float | str
+    hardening: float | str
+    f: float | str
+    g: float | str
+    h: float | str
+    l: float | str
+    m: float | str
+    n: float | str
+    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    unknowns: ClassVar = {"ratio": NUMBER}
+    limits: ClassVar = {**_YIELD, "l": POSITIVE, "m": POSITIVE, "n": POSITIVE}
+    stated: ClassVar = "hill"
 
     def __post_init__(self) -> None:
-        resists = _holds("resistance of Norton", self.resistance, lambda value: 0 < value < np.inf)
-        if not (resists and _holds("exponent of Norton", self.exponent, lambda value: 1 <= value < np.inf)):
-            raise SceneError(f"resistance {self.resistance} must be positive and exponent {self.exponent} at least 1")
+        super().__post_init__()
+        check_frame(self.frame)
 
-    def flow(
-        self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.
+    def settings(self) -> dict[str, object]:
+        """See above."""
+        return {"frame": self.frame}
 
-        Raises:
-            ArithmeticError: if the iteration does not converge.
-        """
-        from hhr_dolfinx.plugins.inelastic.compiled_laws import ITERATIONS, NORTON, flows_at
 
-        constants = _number(self.resistance), _number(self.exponent)
-        amount, slope = flows_at(NORTON, constants, trial, plastic_strain, shear, dt)
-        lost = np.flatnonzero(np.isfinite(trial) & ~np.isfinite(amount))  # the caller reports a non-finite trial stress
-        if lost.size:
-            raise ArithmeticError(
-                f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "
-                f"{trial[lost[0]]:g} with 3 mu dt = {3 * shear * dt:g}: check units"
-            )
-        return amount, slope
+@dataclass(frozen=True)
+class Orthotropic(_Stated):
+    """Orthotropic elasticity, as of wood and composites; E and ν of the body are typical values.
+
+    Attributes:
+        young_1, young_2, young_3: moduli along the frame.
+        poisson_12, poisson_13, poisson_23: ν_ij, the contraction along j of a pull along i.
+        shear_12, shear_13, shear_23: shear moduli.
+        frame: unit vectors of the material; in the plane the third one is (0, 0, 1).
+    """
+
+    young_1: float | str
+    young_2: float | str
+    young_3: float | str
+    poisson_12: float | str
+    poisson_13: float | str
+    poisson_23: float | str
+    shear_12: float | str
+    shear_13: float | str
+    shear_23: float | str
+    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    limits: ClassVar = {f"{what}_{k}": POSITIVE for what in ("young", "shear") for k in (1, 2, 3, 12, 13, 23)}
+    stated: ClassVar = "orthotropic"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_frame(self.frame)
+
+    @classmethod
+    def transverse(
+        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, **more: object
+    ) -> Orthotropic:
+        """Isotropic across the first axis: moduli along and across it, contraction across of a pull along it, ratio
+        across, and shear modulus along."""
+        plane = across / (2 * (1 + ratio_across))
+        return cls(
+            along,
+            across,
+            across,
+            ratio_along,
+            ratio_along,
+            ratio_across,
+            shear,
+            shear,
+            plane,
+            **more,  # type: ignore[arg-type]
+        )
+
+    def settings(self) -> dict[str, object]:
+        """See above."""
+        return {"frame": self.frame}
+
+
+@dataclass(frozen=True)
+class Lemaitre(_Stated):
+    """Plasticity with isotropic damage, until the stress would fall: softening depends on the mesh, and is refused.
+
+    Attributes:
+        yield_stress, hardening: σ0 and H of the effective stress.
+        strength: S, an energy per volume.
+        power: s.
+    """
+
+    yield_stress: float | str
+    hardening: float | str
+    strength: float | str
+    power: float | str = 1.0
+    memory: ClassVar = {"plastic": TENSOR, "damage": NUMBER, "hardened": NUMBER}
+    unknowns: ClassVar = _AMOUNT
+    limits: ClassVar = {**_YIELD, "strength": POSITIVE, "power": POSITIVE}
+    stated: ClassVar = "lemaitre"
+
+
+@dataclass(frozen=True)
+class Heated(Law):
+    """Another law, of the strain without α (T - T0) 1.
+
+    Attributes:
+        law: the other law; None for elasticity.
+        expansion: α in 1/K.
+        temperature, reference: T and T0.
+    """
+
+    law: Law
+    expansion: float | str
+    temperature: float | str
+    reference: float | str = 0.0
+
+    @property
+    def memory(self) -> Mapping[str, int]:  # type: ignore[override]
+        """See :class:`Law`."""
+        return {**self.law.memory, "swelling": NUMBER}
+
+    @property
+    def unknowns(self) -> Mapping[str, int]:  # type: ignore[override]
+        """See :class:`Law`."""
+        return self.law.unknowns
+
+    @property
+    def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
+        """See :class:`Law`."""
+        return self.law.limits
+
+    def constants(self) -> dict[str, float | str]:
+        """See :class:`Law`."""
+        return super().constants() | self.law.constants()
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        from hhr_dolfinx.forms.laws import heated
+
+        return heated(at, self.law.statement)
+
+
+@dataclass(frozen=True)
+class NeoHooke(_Stated):
+    """Neo-Hookean elasticity at large strains, of E and ν of the body."""
+
+    finite: ClassVar[bool] = True
+    stated: ClassVar = "neo_hooke"
+
+
+@dataclass(frozen=True)
+class MooneyRivlin(_Stated):
+    """Mooney and Rivlin's elasticity at large strains; ``share`` of μ/2 belongs to the second invariant."""
+
+    share: float | str
+    finite: ClassVar[bool] = True
+    limits: ClassVar = {"share": (-1e-12, 1.000001)}
+    stated: ClassVar = "mooney_rivlin"
+
+
+def check_frame(frame: tuple[tuple[float, float, float], ...]) -> None:
+    """Raise SceneError unless three rows are orthogonal unit vectors."""
+    products = [[sum(x * y for x, y in zip(one, other, strict=True)) for other in frame] for one in frame]
+    right = len(frame) == 3 and all(abs(products[i][j] - (i == j)) < 1e-9 for i in range(3) for j in range(3))
+    if not right:
+        raise SceneError(f"the frame {frame} must be three orthogonal unit vectors, as rows")

@@ -18,7 +18,6 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     ConvergenceError,
-    LawWarning,
     NotOfferedError,
     NotSolvableError,
     ParameterError,
@@ -32,12 +31,10 @@ from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
+from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.state import GaussState
-from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
 from hhr_dolfinx.plugins.inelastic.trained import Watch
-from hhr_dolfinx.plugins.inelastic.update import State
-from hhr_dolfinx.warn import warn
 
 _log = logging.getLogger(__name__)
 
@@ -103,7 +100,6 @@ def march(
 
     Warns:
         OutsideTrainingWarning: if a step is outside the training range, and ``settings`` do not say otherwise.
-        LawWarning: if the slope of a law is not the derivative of its flow.
         TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
     """
     check_settings(settings)
@@ -142,7 +138,6 @@ def _march(
 ) -> None:
     """Solve the steps of a checked path into a history."""
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
-    slopes_seen = False
     stepper = model.stepper(settings)
     check = steps_of(model.law).watch(model)
     watch = Watch(model.trained, settings.outside)
@@ -158,7 +153,6 @@ def _march(
             error = error.going_on(after) if after.parts > 1 else error.after(model, trail[-1], after)
         else:
             after, error = _stepped(stepper, trail, Goal(time, target), error)
-            slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         check(after)
         signs = model.signs(after)
         # a refused step is not kept
@@ -198,22 +192,6 @@ def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) ->
     return bool(before @ after < 0)
 
 
-def _check_slopes(model: Equilibrium, before: Answer, after: Answer) -> bool:
-    """Warn of laws with a wrong slope; returns True if there was enough plastic flow to judge."""
-    together = model.together
-    if not together.largest(gauss_of(after).state.cumulated.max(initial=0.0)) > 0:
-        return False
-    strain = model.strain(after.unknown, model.amplitudes(after.parameter))
-    material = model.material.at(after.parameter)
-    try:
-        complaints = material.wrong_slopes(strain, gauss_of(before).state, after.time - before.time, together)
-    except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
-        return False
-    for complaint in complaints or ():
-        warn(complaint, LawWarning, stacklevel=4)
-    return complaints is not None
-
-
 def _at_rest(model: Equilibrium, time: float, parameter: np.ndarray) -> Answer:
     return _uniform(model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model))
 
@@ -223,7 +201,7 @@ def _uniform(
 ) -> Answer:
     """Answer of which all arrays have one value, such as NaN without a solution."""
     stress = np.full((model.material.gauss_points, model.material.components), value)
-    gauss = GaussState(stress, State(np.full_like(stress, value), np.full(len(stress), value)))
+    gauss = GaussState(stress, State(*(np.full_like(part, value) for part in model.material.at_rest())))
     arrays = np.full(model.size, value), np.full(model.conditions, value), np.zeros(model.conditions, dtype=bool)
     return Answer(parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest)
 

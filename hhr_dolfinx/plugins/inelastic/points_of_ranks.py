@@ -11,10 +11,10 @@ from mpi4py import MPI
 from hhr_dolfinx.errors import ConvergenceError, class_of
 from hhr_dolfinx.group import share
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.update import State
 
 
 class PointsOfRanks(Points):

@@ -21,12 +21,13 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation
+from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
-from hhr_dolfinx.plugins.inelastic.update import Material, Update
+from hhr_dolfinx.plugins.inelastic.update import Material
 from hhr_dolfinx.trained import Trained
 
 if TYPE_CHECKING:

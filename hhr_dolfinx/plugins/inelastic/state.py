@@ -13,7 +13,7 @@ from hhr_dolfinx.errors import HHRError
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.plugins.inelastic.update import State
+    from hhr_dolfinx.plugins.inelastic.law import State
 
 
 class GaussState(NamedTuple):
@@ -21,7 +21,7 @@ class GaussState(NamedTuple):
 
     Attributes:
         stress: Kelvin's notation, (Gauss points, components).
-        state: plastic strain and cumulated plastic strain.
+        state: inelastic strain, its cumulated amount, and further variables of laws.
     """
 
     stress: np.ndarray

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import slack_residuals
 from hhr_dolfinx.files import MAPPED
-from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.inelastic.constants import formulas_of
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, state
 from hhr_dolfinx.plugins.inelastic.update import Group
@@ -28,21 +25,27 @@ class StoredGauss:
 
     layout: Mapping[str, tuple[str, ...]] = {
         "stress": ("float", "points", "components"),
-        "plastic": ("float", "points", "components"),
+        "inelastic": ("float", "points", "components"),
         "cumulated": ("float", "points"),
+        "memory": ("float", "points", "remembered"),
     }
 
     def __init__(self, full: FullModel):
         self._problem = full.problem
         self._equilibrium = equilibrium_of(full)
         material = self._equilibrium.material
-        self.sizes = {"points": material.gauss_points, "components": material.components}
+        self.sizes = {
+            "points": material.gauss_points,
+            "components": material.components,
+            "remembered": material.remembered,
+        }
         self._behaviours: dict[tuple, str] = {}
 
     def fingerprint(self) -> list[Any]:
         """Points, elasticity and behaviour of each body, and eigenstrains."""
         groups = self._equilibrium.material.groups
-        parts = [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+        given = ((group.indices, group.young, group.poisson, group.places, _answers_of(group)) for group in groups)
+        parts = [part for item in given for part in item]
         return parts + ([self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else [])
 
     def query(self, point: np.ndarray) -> list[str]:
@@ -51,7 +54,7 @@ class StoredGauss:
         digests = []
         for place, constants in enumerate(material.constants(point)):
             if constants:
-                key = place, *constants.values()
+                key = place, *(np.asarray(value).tobytes() for value in constants.values())
                 if key not in self._behaviours:
                     digest = hashlib.sha256()
                     add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
@@ -67,7 +70,7 @@ class StoredGauss:
     def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Stress and state."""
         rest = self._equilibrium.material.at_rest()
-        known = rest._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
+        known = rest._replace(**{name: arrays[name] for name in rest._fields})
         return {"gauss": GaussState(arrays["stress"], known)}
 
     def residual(self, answer: Answer, forces: float) -> float:
@@ -87,18 +90,9 @@ class StoredGauss:
 
 
 def _answers_of(group: Group) -> list[Any]:
-    """Answers of the law of a body under fixed stresses: its behaviour identifies it, not its code."""
-    if group.law is None:
+    """The law of a body: its program and its constants identify it, not its name."""
+    law = group.law
+    if law is None:
         return []
-    formulas = formulas_of(group.law)
-    if formulas or isinstance(group.young, str):  # without numbers it cannot be evaluated
-        return [text for pair in formulas.items() for text in pair]
-    _, shear = lame_parameters(group.young, group.poisson)
-    trial = group.young * np.logspace(-8, 0, 201)
-    found: list[Any] = []
-    for strain, dt in product((0.0, 1e-3, 0.1, 1.0), (1e-3, 1.0, 1e3)):
-        try:
-            found += [np.asarray(part, float) for part in group.law.flow(trial.copy(), 0 * trial + strain, shear, dt)]
-        except Exception as error:  # a failure belongs to the behaviour of the law, too
-            found.append(type(error).__name__)
-    return found
+    program = law.program
+    return [program.rows, program.numbers, program.ends, program.outputs, program.output_ends, *law.values]

@@ -1,12 +1,12 @@
 """Error of the time steps for laws with rates: its estimate in each step, and steps controlled by it.
 
 Implicit Euler's rule applies the rate at the end of a step to the whole of it. If rates change evenly over a step h,
-its error is h/2 (r_1 - r_0) in the plastic strain, with r_0 and r_1 the rates at both ends. At a given strain a step
-keeps a part D of the error before it, and of the error that it adds: of an excess of stress, the part
-1 - 3 μ dΔp/dq that the law does not relax (the same filter as for stiff equations in time: Shampine and
+its error is h/2 (r_1 - r_0) in the inelastic strain, with r_0 and r_1 the rates at both ends. At a given strain a step
+keeps a part D of the error before it, and of the error that it adds: of an excess of stress, the part that the law
+does not relax, D = H C^-1 with its tangent H (the same filter as for stiff equations in time: Shampine and
 Baca 1984, doi 10.1007/BF02165224). So the error as a stress goes from step to step by
 
-    e_1 = D (e_0 + 2 μ h/2 (r_1 - r_0)),
+    e_1 = D (e_0 + C h/2 (r_1 - r_0)),
 
 a vector at each point where laws are evaluated, and the estimate is its norm over that of the largest stress so far.
 Measured on a pellet that is pressed and held, a tube pressed against a wall and one that bulges, in 4 to 64 steps for
@@ -28,14 +28,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, SceneError
-from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
-from hhr_dolfinx.plugins.inelastic.laws import Plasticity
+from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.points import Points
-from hhr_dolfinx.plugins.inelastic.state import deviator
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
+from hhr_dolfinx.plugins.inelastic.update import Material
 
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""
@@ -55,7 +53,6 @@ class _Rated(NamedTuple):
 
     points: np.ndarray
     place: int  # its index among the groups of the material
-    shear: float  # shear modulus
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class TimeError:
     bodies: tuple[_Rated, ...]  # bodies with rates
     together: Points  # reductions over the points of all ranks
     error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
-    rate: tuple[np.ndarray, ...] | None  # 2 μ times the rate of plastic strain, per second, if it is known
+    rate: tuple[np.ndarray, ...] | None  # C times the rate of inelastic strain, per second, if it is known
     largest: float = 0.0  # norm of the largest stress so far
     before: float = 0.0  # estimate when a history continued; it does not decay
     added: float = 0.0  # error added by the last step, relative to the largest stress
@@ -76,9 +73,9 @@ class TimeError:
         """Time error at the start of a history, for a model with numbers as moduli."""
         material = model.material.at(answer.parameter)
         bodies = tuple(
-            _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
+            _Rated(group.indices, place)
             for place, group in enumerate(material.groups)
-            if _has_rates(group)
+            if group.law is not None and group.law.rated
         )
         nothing = tuple(np.zeros((body.points.size, material.components)) for body in bodies)
         return cls(bodies, model.together, nothing, nothing)
@@ -135,53 +132,40 @@ class TimeError:
         self, k: int, material: Material, before: Answer, answer: Answer, dt: float
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
-        points, place, shear = self.bodies[k]
+        points, place = self.bodies[k]
+        elastic = material.given[place].elastic
+        old = _there(before, points)
+        flowed = (gauss_of(answer).state.inelastic[points] - old.inelastic) @ elastic
+        strain = _strain(answer, points, material, place)
         law: Any = material.groups[place].law
-        old = gauss_of(before).state
-        new = gauss_of(answer).state
-        flowed = (2 * shear) * (new.plastic - old.plastic)[points]
-        held = old.cumulated[points]
-        trial = _equivalent(gauss_of(answer).stress[points]) + 3 * shear * (new.cumulated[points] - held)
-        _, slope = flow_of(law, trial, held, shear, dt)
-        rest = self.rate[k] if self.rate is not None else _rate(law, before, self.bodies[k], dt)
+        tangents = law.update(strain, old, dt, material.given[place], tangent=True).tangents
+        rest = self.rate[k] if self.rate is not None else _rate(law, material, before, self.bodies[k], dt)
         added = (flowed - dt * rest) / 2
-        damping = np.maximum(1 - (3 * shear) * slope, 0.0)[:, None]
-        error = damping * (self.error[k] + added)
-        kept = damping * added
+        damping = tangents @ material.given[place].compliance
+        error = np.einsum("nij,nj->ni", damping, self.error[k] + added)
+        kept = np.einsum("nij,nj->ni", damping, added)
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
-def _equivalent(stress: np.ndarray) -> np.ndarray:
-    """Equivalent stress, (n,), of stress in Kelvin's notation, (n, c)."""
-    pressure = stress[:, 0] + stress[:, 1] + stress[:, 2]
-    return np.sqrt(np.maximum(1.5 * np.einsum("nc,nc->n", stress, stress) - 0.5 * pressure * pressure, 0.0))
+def _there(answer: Answer, points: np.ndarray) -> State:
+    """State of an answer at some points."""
+    return State(*(part[points] for part in gauss_of(answer).state))
 
 
-def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
-    """2 μ times the rate of plastic strain at a stress: the flow of a law in a short time, (n, c)."""
-    stress = gauss_of(answer).stress[body.points]
+def _strain(answer: Answer, points: np.ndarray, material: Material, place: int) -> np.ndarray:
+    """Strain of an answer at some points, from stress and inelastic strain, (n, c)."""
+    found: np.ndarray = gauss_of(answer).stress[points] @ material.given[place].compliance
+    return found + gauss_of(answer).state.inelastic[points]
+
+
+def _rate(law: Any, material: Material, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
+    """C times the rate of inelastic strain at a stress: the flow of a law in a short time, (n, c)."""
     moment = SUDDEN * dt
-    equivalent = _equivalent(stress)
-    amount, _ = flow_of(law, equivalent, gauss_of(answer).state.cumulated[body.points], body.shear, moment)
-    along = np.divide(3 * body.shear * amount / moment, equivalent, out=np.zeros_like(amount), where=equivalent > 0)
-    return along[:, None] * deviator(stress)
-
-
-def _has_rates(group: Group) -> bool:
-    """True if the flow of a law, with numbers as constants, depends on the time step."""
-    if group.law is None or type(group.law) is Plasticity:
-        return False
-    if kernel_of(group.law) is not None:
-        return True
-    _, shear = lame_parameters(float(group.young), group.poisson)
-    trial = float(group.young) * np.logspace(-8, 0, 41)
-    flows = []
-    for dt in (1e-6, 1.0, 1e6):
-        try:
-            flows.append(flow_of(group.law, trial.copy(), 0 * trial, shear, dt)[0])
-        except (ConvergenceError, SceneError):  # a law that fails for some times depends on time
-            return True
-    return not all(np.array_equal(flow, flows[0]) for flow in flows)
+    given = material.given[body.place]
+    old = _there(answer, body.points)
+    strain = _strain(answer, body.points, material, body.place)
+    state = law.update(strain, old, moment, given, tangent=False).state
+    return (state.inelastic - old.inelastic) @ given.elastic / moment
 
 
 class Parted(NamedTuple):

@@ -21,7 +21,6 @@ from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.constants import parameters_of
-from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.trained import TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
@@ -50,9 +49,11 @@ def check_flow(model: object, what: str = "a page") -> None:
             f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
     for group in model.flow.groups:
-        if group.law is not None and type(group.law) is not Plasticity:
+        if group.coordinates:
+            raise NotOfferedError(f"{what} has constants of laws that are the same in a body: histories run in Python")
+        if group.law is not None and group.law.name != "Plasticity":
             raise NotOfferedError(
-                f"{what} knows the law Plasticity, and none with rates or of your own, as {type(group.law).__name__} "
+                f"{what} knows the law Plasticity, and none with rates or of your own, as {group.law.name} "
                 "is: histories run in Python, or by hhr answer"
             )
 
@@ -91,8 +92,7 @@ def _weights(flow: CondensedFlow) -> np.ndarray:
 
 def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
     law = group.law
-    assert law is None or isinstance(law, Plasticity)
-    constants = None if law is None else [_steps(value, names) for value in (law.yield_stress, law.hardening)]
+    constants = None if law is None else [_steps(value, names) for value in law.values]
     return {
         "points": len(group.indices),
         "young": _steps(group.young, names),

@@ -247,7 +247,8 @@ def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np
     """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
     ends, weights = np.polynomial.legendre.leggauss(POINTS)
     x, w = (ends + 1) / 2, weights / 2
-    local, weights = x[:, None], w
+    local = x[:, None]
+    weights = w
     if count != 3:
         first, second = (item.ravel() for item in np.meshgrid(x, x, indexing="ij"))
         local, weights = np.column_stack([first, second]), np.outer(w, w).ravel()

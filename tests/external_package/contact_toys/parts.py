@@ -1,4 +1,4 @@
-"""What scenes are made of: a geometry, a pairing and a law, each in a few lines."""
+"""What scenes are made of: a geometry and a pairing, each in a few lines."""
 
 from __future__ import annotations
 
@@ -40,15 +40,3 @@ class Ramp:
         matrix = nodal_rows(nodes[:, None], normals, np.ones((nodes.size, 1)), dofs)
         gaps = self.gap + self.slope * points[:, 0]
         return ContactRows(matrix, gaps, nodes, points, surface.areas[order])
-
-
-@dataclass(frozen=True)
-class Newtonian:
-    """A law of flow without a threshold: rate of p = σ_eq / η, implicit Euler."""
-
-    viscosity: float
-
-    def flow(self, trial, plastic_strain, shear, dt):
-        """Closed form of η Δp = dt (q_tr - 3 mu Δp)."""
-        slope = dt / (self.viscosity + 3 * shear * dt)
-        return trial * slope, np.full_like(trial, slope)

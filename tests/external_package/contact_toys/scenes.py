@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hhr_dolfinx as hhr
-from contact_toys.parts import BOTTOM, LEFT, TOP, Newtonian, Ramp, slab
+from contact_toys.parts import BOTTOM, LEFT, TOP, Ramp, slab
 from hhr_dolfinx.geometries.block import SOLID
 
 
@@ -25,4 +25,6 @@ def slab_on_ramp(law=None):
 
 def flowing_slab():
     """The same slab, which creeps."""
+    from contact_toys.laws import Newtonian
+
     return slab_on_ramp(Newtonian(viscosity=5.0))

@@ -534,7 +534,7 @@ int main(void) {{
 @needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
     model = copy.copy(flowing("outputs")[0])
-    model.flow = SimpleNamespace(groups=[SimpleNamespace(law=hhr.Norton(1.0, 2.0))])
+    model.flow = SimpleNamespace(groups=[SimpleNamespace(law=hhr.Norton(1.0, 2.0), coordinates=())])
     with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
         c_header.c_header(model, "press")
 

@@ -59,7 +59,7 @@ def test_each_point_is_foretold_by_the_others(trained):
     _, model, _ = trained
     flow = model.fields.flow
     answer = model.march(legs((0, 0), (1.2, 0.1), steps=6), QUIET).answers[-1]
-    plastic = answer.state().state.plastic
+    plastic = answer.state().state.inelastic
     components = plastic.shape[1]
     rows = (np.searchsorted(flow.flowed, flow.points)[:, None] * components + np.arange(components)).ravel()
     modes, found = flow.plastic.modes[rows], flow.unforeseen(plastic)

@@ -24,6 +24,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -145,7 +146,7 @@ def test_laws_without_rates_know_ways_and_no_paces():
 
 @pytest.mark.parametrize("law, rated", [(hhr.Plasticity(1.0), False), (hhr.Norton(1.0, 2.0), True)])
 def test_materials_know_whether_they_have_rates(law, rated):
-    assert Material([Group(np.arange(2), 1.0, 0.3, law)], 4).rated is rated
+    assert Material([Group(np.arange(2), 1.0, 0.3, program_of(law, 4))], 4).rated is rated
     assert not Material([Group(np.arange(2), 1.0, 0.3, None)], 4).rated
 
 

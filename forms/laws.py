@@ -1,0 +1,497 @@
+"""Laws of materials in UFL: what a step does at one point, thesis section 6.2 and beyond.
+
+Symmetric tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are
+products of vectors; zz is θθ in axisymmetry. A law gets an :class:`At`, symbols at the end of a step, and returns a
+:class:`Stated`. It may have unknowns y, the roots of a residual; without any it is a closed form. Steps are implicit
+Euler's unless a law says otherwise. Tangents follow from stress and residual by differentiation.
+
+Names: ε strain, εp inelastic strain ε - C^-1 σ with the elasticity C of the body, p its cumulated amount, s deviator of
+the stress, q = √(3/2) |s|, and Δp the increment of p. λ, μ are Lamé's constants, K = λ + 2/3 μ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType, SimpleNamespace
+from typing import NamedTuple
+
+import ufl
+from ufl.core.expr import Expr
+
+_NOTHING: Mapping[str, Expr] = MappingProxyType({})
+
+
+class At(NamedTuple):
+    """Symbols of a step at a point, and numbers that are no symbols."""
+
+    strain: Expr  # at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
+    unknown: SimpleNamespace  # unknowns of the law by name
+    old: SimpleNamespace  # before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
+    dt: Expr  # duration of the step in seconds
+    constants: SimpleNamespace  # constants by name; young and poisson are those of the body
+
+
+class Stated(NamedTuple):
+    """A law at a point; ``residual`` has as many components as there are unknowns."""
+
+    stress: Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
+    # after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ follows from the stress
+    memory: Mapping[str, Expr] = _NOTHING
+    residual: Sequence[Expr] = ()  # zero at the unknowns
+    trial: Expr | None = None  # positive where unknowns must be solved for; None if that is everywhere
+    start: Mapping[str, Expr] = _NOTHING  # first iterate of unknowns; 0 without one
+    rest: Mapping[str, Expr] = _NOTHING  # unknowns where ``trial`` is not positive; 0 without one
+    limit: Expr | None = None  # negative where the law does not hold: the step is refused
+    reason: str = ""  # what is wrong there, for the message
+
+
+def unit(vector: Expr) -> Expr:
+    """The unit tensor, of the length of another vector."""
+    return ufl.as_vector([1.0, 1.0, 1.0] + [0.0] * (len(vector) - 3))
+
+
+def trace(vector: Expr) -> Expr:
+    """Trace of a tensor."""
+    return vector[0] + vector[1] + vector[2]
+
+
+def deviator(vector: Expr) -> Expr:
+    """Deviator of a tensor."""
+    return vector - trace(vector) / 3 * unit(vector)
+
+
+def equivalent(tensor: Expr) -> Expr:
+    """Von Mises' equivalent √(3/2) |s| of a deviator."""
+    return ufl.sqrt(1.5 * ufl.dot(tensor, tensor))
+
+
+def lame(constants: SimpleNamespace) -> tuple[Expr, Expr]:
+    """λ and μ from E and ν."""
+    young = constants.young
+    poisson = constants.poisson
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
+def hooke(strain: Expr, constants: SimpleNamespace) -> Expr:
+    """Isotropic elasticity: λ tr(ε) 1 + 2 μ ε."""
+    lam, mu = lame(constants)
+    return lam * trace(strain) * unit(strain) + 2 * mu * strain
+
+
+def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
+    """Table, linear between its points and beyond the last one, constant before the first: a sum of ramps."""
+    (first, found), *rest = points
+    before = 0.0
+    value: Expr | float = found
+    for place, height in rest:
+        slope = (height - found) / (place - first)
+        value = value + (slope - before) * ufl.max_value(x - first, 0)
+        first = place
+        found = height
+        before = slope
+    return value
+
+
+class _Radial(NamedTuple):
+    """Trial state of a law whose inelastic strain goes along the trial deviator."""
+
+    deviator: Expr  # s = 2 μ dev(ε - εp)
+    size: Expr  # its q
+    mean: Expr  # K tr(ε) 1
+    stiff: Expr  # 3 μ
+
+
+def _radial(at: At, plastic: Expr | None = None) -> _Radial:
+    lam, mu = lame(at.constants)
+    turned = 2 * mu * deviator(at.strain - (at.old.inelastic if plastic is None else plastic))
+    return _Radial(turned, equivalent(turned), (lam + 2 * mu / 3) * trace(at.strain) * unit(at.strain), 3 * mu)
+
+
+def _flowed(at: At, amount: Expr) -> dict[str, Expr]:
+    """Memory after a flow Δp."""
+    return {"cumulated": at.old.cumulated + amount}
+
+
+def closed(at: At, flow: Callable[[Expr, Expr], Expr]) -> Stated:
+    """Flow in closed form: Δp = ``flow``(q_tr, 3 μ), which is 0 where nothing flows."""
+    trial = _radial(at)
+    amount = flow(trial.size, trial.stiff)
+    share = ufl.conditional(ufl.gt(amount, 0), amount / trial.size, 0)
+    return Stated(trial.mean + (1 - trial.stiff * share) * trial.deviator, _flowed(at, amount))
+
+
+def plasticity(at: At) -> Stated:
+    """Linear hardening, thesis (6.23)-(6.26): q = σ0 + H p while p grows, in closed form."""
+    c = at.constants
+    held = c.yield_stress + c.hardening * at.old.cumulated
+    return closed(at, lambda trial, stiff: ufl.max_value(trial - held, 0) / (stiff + c.hardening))
+
+
+def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
+    """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp."""
+    trial = _radial(at)
+    amount = at.unknown.amount
+    stress = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
+    over = trial.size - strength(at.old.cumulated)
+    left = trial.size - trial.stiff * amount - strength(at.old.cumulated + amount)
+    return Stated(stress, _flowed(at, amount), [left], over)
+
+
+def voce(at: At) -> Stated:
+    """Voce's hardening: R = σ0 + H p + Q (1 - exp(-b p))."""
+    c = at.constants
+    return hardening(at, lambda p: c.yield_stress + c.hardening * p + c.saturation * (1 - ufl.exp(-c.rate * p)))
+
+
+def tabulated(at: At, points: Sequence[tuple[float, float]]) -> Stated:
+    """Hardening by a table of R over p, linear beyond its last point."""
+    return hardening(at, lambda p: ramps(p, points))
+
+
+def chaboche(at: At, backs: int) -> Stated:
+    """Nonlinear kinematic hardening by n back stresses X = 2/3 Σ C_k α_k, and Voce's R; Δα = Δεp - γ α Δp.
+
+    With n = 1 Armstrong and Frederick's law. Implicit Euler's α = (α_old + Δp n) / (1 + γ Δp) leaves one unknown, Δp:
+    the direction n is that of s_tr - 2/3 Σ C_k α_k,old / (1 + γ_k Δp), Chaboche 1986, doi 10.1016/0749-6419(86)90010-0.
+    """
+    c = at.constants
+    trial = _radial(at)
+    amount = at.unknown.amount
+    names = [f"back_{k + 1}" for k in range(backs)]
+    old = [getattr(at.old, name) for name in names]
+    stiff = [getattr(c, f"modulus_{k + 1}") for k in range(backs)]
+    fade = [1 / (1 + getattr(c, f"recall_{k + 1}") * amount) for k in range(backs)]
+
+    def strength(p: Expr) -> Expr:
+        return c.yield_stress + c.saturation * (1 - ufl.exp(-c.rate * p))
+
+    def relative(shares: Sequence[Expr | float]) -> Expr:
+        found = trial.deviator
+        for share, modulus, back in zip(shares, stiff, old, strict=True):
+            found = found - 2 / 3 * share * modulus * back
+        return found
+
+    size = equivalent(relative(fade))
+    along = 1.5 / size * relative(fade)
+    resistance = trial.stiff + sum(share * modulus for share, modulus in zip(fade, stiff, strict=True))
+    backs_after = [share * (back + amount * along) for share, back in zip(fade, old, strict=True)]
+    memory = _flowed(at, amount) | dict(zip(names, backs_after, strict=True))
+    over = equivalent(relative([1.0] * backs)) - strength(at.old.cumulated)
+    left = size - resistance * amount - strength(at.old.cumulated + amount)
+    return Stated(trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [left], over)
+
+
+def creep(at: At, flow: Callable[[Expr], Expr], highest: Callable[[Expr], Expr]) -> Stated:
+    """Flow without threshold: Δp = ``flow``(q), which increases; one unknown, the q that remains.
+
+    q + 3 μ Δp(q) = q_tr is convex and increasing, so that iterates from above fall to the root. They start at the
+    smaller of q_tr and ``highest``(q_tr / 3 μ), the q whose flow is that amount.
+    """
+    trial = _radial(at)
+    left = at.unknown.stress
+    stress = trial.mean + left / trial.size * trial.deviator
+    start = ufl.min_value(trial.size, highest(trial.size / trial.stiff))
+    return Stated(
+        stress,
+        _flowed(at, flow(left)),
+        [left + trial.stiff * flow(left) - trial.size],
+        trial.size,
+        {"stress": start},
+        {"stress": trial.size},
+    )
+
+
+def norton(at: At) -> Stated:
+    """Norton's creep, thesis (6.28): rate of p = (q / K)^m."""
+    c = at.constants
+    return creep(
+        at,
+        lambda q: at.dt * (q / c.resistance) ** c.exponent,
+        lambda amount: c.resistance * (amount / at.dt) ** (1 / c.exponent),
+    )
+
+
+def arrhenius(at: At) -> Stated:
+    """Norton's creep with the rate at a temperature T in K: times exp(-Q/R (1/T - 1/T0))."""
+    c = at.constants
+    pace = at.dt * ufl.exp(-c.activation * (1 / c.temperature - 1 / c.reference))
+    return creep(
+        at,
+        lambda q: pace * (q / c.resistance) ** c.exponent,
+        lambda amount: c.resistance * (amount / pace) ** (1 / c.exponent),
+    )
+
+
+def primary_creep(at: At) -> Stated:
+    """Primary creep p = (q / K)^n t^m at constant stress, by strain hardening: exact in time at constant q.
+
+    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton.
+    """
+    c = at.constants
+    held = at.old.cumulated ** (1 / c.time_exponent)
+
+    def flow(q: Expr) -> Expr:
+        grown = held + (q / c.resistance) ** (c.exponent / c.time_exponent) * at.dt
+        return grown**c.time_exponent - at.old.cumulated
+
+    def highest(amount: Expr) -> Expr:
+        pace = ((at.old.cumulated + amount) ** (1 / c.time_exponent) - held) / at.dt
+        return c.resistance * pace ** (c.time_exponent / c.exponent)
+
+    return creep(at, flow, highest)
+
+
+def plasticity_with_creep(at: At) -> Stated:
+    """Norton's creep below a yield stress σ0 + H p_p that only plastic flow p_p moves; one unknown, the q that remains.
+
+    Two conditions give an upper end of q, each increasing: creep alone, and yield with the flow that it leaves. Their
+    larger value is zero at the smaller q.
+    """
+    c = at.constants
+    trial = _radial(at)
+    left = at.unknown.stress
+    crept = at.dt * (left / c.resistance) ** c.exponent
+    total = (trial.size - left) / trial.stiff
+    plastic = ufl.max_value(total - crept, 0)
+    alone = left + trial.stiff * crept - trial.size
+    yielding = left - c.yield_stress - c.hardening * (at.old.yielded + total - crept)
+    memory = _flowed(at, crept + plastic) | {"yielded": at.old.yielded + plastic}
+    highest = c.resistance * (trial.size / (trial.stiff * at.dt)) ** (1 / c.exponent)
+    return Stated(
+        trial.mean + left / trial.size * trial.deviator,
+        memory,
+        [ufl.max_value(alone, yielding)],
+        trial.size,
+        {"stress": ufl.min_value(trial.size, highest)},
+        {"stress": trial.size},
+    )
+
+
+def drucker_prager(at: At) -> Stated:
+    """Pressure-dependent yield √(s:s/2) + η σ_m = k + H p in closed form, on the cone or at its tip.
+
+    Plastic strain goes along s/(2√(s:s/2)) + ψ/3 1, with the dilatancy ψ; ψ = η is associated. The return to the cone
+    holds while it leaves a deviator, and otherwise ends in the tip; de Souza Neto et al. 2008, section 8.3.
+    """
+    c = at.constants
+    lam, mu = lame(c)
+    bulk = lam + 2 * mu / 3
+    elastic = at.strain - at.old.inelastic
+    turned = 2 * mu * deviator(elastic)
+    size = ufl.sqrt(0.5 * ufl.dot(turned, turned))
+    pressed = c.friction * bulk * trace(elastic) - c.cohesion - c.hardening * at.old.cumulated
+    stiff = bulk * c.friction * c.dilatancy + c.hardening
+    over = size + pressed
+    cone = over / (mu + stiff)
+    on_cone = ufl.lt(mu * cone, size)
+    amount = ufl.conditional(ufl.gt(over, 0), ufl.conditional(on_cone, cone, pressed / stiff), 0)
+    share = ufl.conditional(ufl.gt(over, 0), ufl.conditional(on_cone, mu * cone / size, 1), 0)
+    swollen = c.dilatancy * amount * unit(at.strain)
+    return Stated(
+        bulk * (trace(elastic) * unit(at.strain) - swollen) + (1 - share) * turned,
+        _flowed(at, amount),
+    )
+
+
+def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
+    """Hill's orthotropic yield in a frame, q_H = σ0 + H p, associated.
+
+    q_H^2 = F (σ22 - σ33)^2 + G (σ33 - σ11)^2 + H12 (σ11 - σ22)^2 + 2 L σ23^2 + 2 M σ13^2 + 2 N σ12^2 = σ:P:σ, Hill
+    1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and (σ0 + H p) / q_H + H ζ = 1, which is linear in
+    ζ for von Mises' constants.
+    """
+    c = at.constants
+    ratio = at.unknown.ratio
+    _, mu = lame(c)
+    trial = _radial(at)
+    turn = rotation(frame, len(at.strain))
+    first = turn * trial.deviator
+    block = ufl.as_matrix([[c.g + c.h, -c.h, -c.g], [-c.h, c.f + c.h, -c.f], [-c.g, -c.f, c.f + c.g]])
+    shears = [c.n, c.m, c.l][: len(at.strain) - 3]
+
+    def pulled(tensor: Expr) -> Expr:
+        """P times a tensor."""
+        normal = block * ufl.as_vector([tensor[i] for i in range(3)])
+        return ufl.as_vector([*normal, *(shear * tensor[3 + k] for k, shear in enumerate(shears))])
+
+    normal = ufl.inv(ufl.Identity(3) + 2 * mu * ratio * block) * ufl.as_vector([first[i] for i in range(3)])
+    turned = [first[3 + k] / (1 + 2 * mu * ratio * shear) for k, shear in enumerate(shears)]
+    own = ufl.as_vector([*normal, *turned])
+    size = ufl.sqrt(ufl.dot(own, pulled(own)))
+    strength = c.yield_stress + c.hardening * at.old.cumulated
+    over = ufl.sqrt(ufl.dot(first, pulled(first))) - strength
+    stress = ufl.transpose(turn) * own
+    return Stated(trial.mean + stress, _flowed(at, ratio * size), [strength / size + c.hardening * ratio - 1], over)
+
+
+def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
+    """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors in the mesh."""
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)][:size]
+
+    def entry(one: tuple[int, int], other: tuple[int, int]) -> float:
+        i, j = one
+        k, l = other
+        found = frame[i][k] * frame[j][l] + frame[i][l] * frame[j][k]
+        return found * (1 if i != j else 2**-0.5) * (1 if k != l else 2**-0.5)
+
+    return ufl.as_matrix([[entry(one, other) for other in pairs] for one in pairs])
+
+
+def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
+    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij, contractions along j by a pull in i."""
+    c = at.constants
+    down = [
+        [1 / c.young_1, -c.poisson_12 / c.young_1, -c.poisson_13 / c.young_1],
+        [-c.poisson_12 / c.young_1, 1 / c.young_2, -c.poisson_23 / c.young_2],
+        [-c.poisson_13 / c.young_1, -c.poisson_23 / c.young_2, 1 / c.young_3],
+    ]
+    block = ufl.inv(ufl.as_matrix(down))
+    shears = [2 * c.shear_12, 2 * c.shear_13, 2 * c.shear_23]
+    size = len(at.strain)
+    stiff = [
+        [block[i, j] if max(i, j) < 3 else (shears[i - 3] if i == j else 0) for j in range(size)] for i in range(size)
+    ]
+    turn = rotation(frame, size)
+    return Stated(ufl.transpose(turn) * (ufl.as_matrix(stiff) * (turn * at.strain)))
+
+
+def lemaitre(at: At) -> Stated:
+    """Plasticity with Lemaitre's damage D, up to softening: σ = (1 - D) C (ε - εp); one unknown, Δp.
+
+    Of the effective stress, q = R(r) = σ0 + H r with Δr = (1 - D) Δp, and ΔD = (Y / S)^s Δp with the energy release
+    Y = q^2 / (2 E) (2/3 (1 + ν) + 3 (1 - 2 ν) (σ_m / q)^2); Lemaitre 1985, doi 10.1115/1.3225775. Where the stress
+    would fall with p the law is refused: its answer would depend on the mesh.
+    """
+    c = at.constants
+    trial = _radial(at, at.old.plastic)
+    amount = at.unknown.amount
+    mean = trial.mean[0]
+
+    def pace(q: Expr) -> Expr:
+        energy = q * q * 2 / 3 * (1 + c.poisson) + 3 * (1 - 2 * c.poisson) * mean * mean
+        return (energy / (2 * c.young * c.strength)) ** c.power
+
+    size = trial.size - trial.stiff * amount
+    damage = at.old.damage + pace(size) * amount
+    hardened = at.old.hardened + (1 - damage) * amount
+    left = size - c.yield_stress - c.hardening * hardened
+    over = trial.size - c.yield_stress - c.hardening * at.old.hardened
+    plastic = at.old.plastic + 1.5 * amount / trial.size * trial.deviator
+    memory = _flowed(at, amount) | {"plastic": plastic, "damage": damage, "hardened": hardened}
+    whole = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
+    # besides, roots of the equation that are none of the law: flow backwards or beyond the trial stress, D over 1
+    rising = (1 - damage) ** 2 * c.hardening - size * pace(size)
+    for least in (size, amount * c.young, (1 - damage) * c.young):
+        rising = ufl.min_value(rising, least)
+    return Stated((1 - damage) * whole, memory, [left], over, limit=rising, reason="its stress falls as strain grows")
+
+
+def heated(at: At, law: Callable[[At], Stated]) -> Stated:
+    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ contains it."""
+    c = at.constants
+    grown = c.expansion * (c.temperature - c.reference)
+    old = SimpleNamespace(**vars(at.old))
+    old.inelastic = at.old.inelastic - at.old.swelling * unit(at.strain)
+    found = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
+    return found._replace(memory={**found.memory, "swelling": grown})
+
+
+def thin(at: At, law: Callable[[At], Stated]) -> Stated:
+    """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0, and a memory.
+
+    ε - C^-1 σ lacks it, as the strain that is given has no component across.
+    """
+    across = at.unknown.across
+    unit_across = ufl.as_vector([0, 0, 1, 0])
+    old = SimpleNamespace(**vars(at.old))
+    old.inelastic = at.old.inelastic + at.old.across * unit_across
+    poisson = at.constants.poisson
+    elastic = -poisson / (1 - poisson) * (at.strain[0] + at.strain[1])
+    strains = [ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]]) for third in (across, elastic)]
+    found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
+    names = [name for name in vars(at.unknown) if name != "across"]
+    residual = list(found.residual)
+    if found.trial is not None:
+        flows = ufl.gt(found.trial, 0)
+        residual = [
+            ufl.conditional(flows, left, getattr(at.unknown, name) - found.rest.get(name, 0))
+            for left, name in zip(residual, names, strict=True)
+        ]
+    return found._replace(
+        memory={**found.memory, "across": across},
+        residual=[*residual, found.stress[2] / at.constants.young],
+        trial=None,
+        start={**first.start, "across": elastic},
+        rest={},
+    )
+
+
+def hyperelastic(at: At, energy: Callable[[Expr], Expr]) -> Stated:
+    """First Piola-Kirchhoff stress of an energy of F, per volume before deformation."""
+    gradient = ufl.variable(at.strain)
+    return Stated(ufl.diff(energy(gradient), gradient))
+
+
+def neo_hooke(at: At) -> Stated:
+    """μ/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2."""
+    lam, mu = lame(at.constants)
+
+    def energy(gradient: Expr) -> Expr:
+        volume = ufl.det(gradient)
+        return (
+            mu / 2 * (volume ** (-2 / 3) * ufl.inner(gradient, gradient) - 3)
+            + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
+        )
+
+    return hyperelastic(at, energy)
+
+
+def mooney_rivlin(at: At) -> Stated:
+    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2; 2 (C1 + C2) = μ at rest."""
+    c = at.constants
+    lam, mu = lame(c)
+
+    def energy(gradient: Expr) -> Expr:
+        volume = ufl.det(gradient)
+        right = volume ** (-2 / 3) * ufl.transpose(gradient) * gradient
+        first = ufl.tr(right)
+        second = (first**2 - ufl.inner(right, right)) / 2
+        share = c.share
+        pair = (1 - share) * (first - 3) + share * (second - 3)
+        return mu / 2 * pair + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
+
+    return hyperelastic(at, energy)
+
+
+def standard(
+    at: At,
+    energy: Callable[[Expr, Mapping[str, Expr]], Expr],
+    yields: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Expr],
+    flow: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Mapping[str, Expr]] | None = None,
+) -> Stated:
+    """A generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
+
+    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or Δp times what
+    ``flow``(A, α) gives for some names. Halphen and Nguyen 1975.
+    """
+    names = list(vars(at.unknown))
+    alpha = {name: ufl.variable(getattr(at.unknown, name)) for name in names}
+    old = {name: ufl.variable(getattr(at.old, name)) for name in names}
+    strain = ufl.variable(at.strain)
+
+    def acting(state: Mapping[str, Expr]) -> dict[str, Expr]:
+        psi = energy(strain, state)
+        return {name: ufl.variable(-ufl.diff(psi, state[name])) for name in names}
+
+    forces = acting(alpha)
+    surface = yields(forces, alpha)
+    ways = {} if flow is None else flow(forces, alpha)
+    amount = alpha["cumulated"] - at.old.cumulated
+    left = []
+    for name in names:
+        way = ways[name] if name in ways else ufl.diff(surface, forces[name])
+        gradient = alpha[name] - getattr(at.old, name) - amount * way
+        left.append(surface if name == "cumulated" else gradient)
+    before = {name: getattr(at.old, name) for name in names}
+    memory = {name: value for name, value in alpha.items() if name != "inelastic"}
+    return Stated(ufl.diff(energy(strain, alpha), strain), memory, left, yields(acting(old), old), before, before)

@@ -1,0 +1,425 @@
+"""Laws of bodies: constants, memory, and what a step does at a point, stated in UFL and kept as a program.
+
+A user-defined law is a class of this kind, see ``docs/laws.md``:
+
+    @dataclass(frozen=True)
+    class Swift(Law):
+        strength: float | str
+        exponent: float | str
+        unknowns: ClassVar = {"amount": NUMBER}
+        limits: ClassVar = {"strength": POSITIVE, "exponent": POSITIVE}
+
+        def statement(self, at: At) -> Stated:
+            c = at.constants
+            return hardening(at, lambda p: c.strength * (1e-3 + p) ** c.exponent)
+
+A constant is a number, or a formula of the parameters of the scene as text. Everything else is made from the statement:
+tangents, files, and programs for pages, C and FMUs.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.inelastic.local_solver import (
+    AFTER,
+    BEYOND,
+    LOCAL,
+    REST,
+    REST_SLOPES,
+    SOLVED,
+    START,
+    TRIAL,
+    Code,
+    code_of,
+    solve_points,
+)
+from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.plugins.programs.program import Order, Program
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.forms.laws import At, Stated
+    from hhr_dolfinx.plugins.programs.graph import Graph
+
+NUMBER = 1
+TENSOR = 0
+"""Sizes of memory and unknowns; a tensor has the components of the strain, 4 or 6."""
+POSITIVE = (0.0, math.inf)
+NOT_NEGATIVE = (-math.ulp(0.0), math.inf)
+AT_LEAST_ONE = (math.nextafter(1.0, 0.0), math.inf)
+ANY = (-math.inf, math.inf)
+LARGEST = sys.float_info.max
+"""Open intervals of constants."""
+STANDARD = ("inelastic", "cumulated")
+"""Internal variables that every law has."""
+ORDER = Order((None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({TRIAL, START}), LOCAL)
+"""Order of the parts of a program."""
+_OF_ALL = dict(zip(STANDARD, (TENSOR, NUMBER), strict=True))
+_ELASTIC = ("young", "poisson")
+
+
+class Law:
+    """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are constants.
+
+    Attributes:
+        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; besides, each law has the
+            tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated``.
+        unknowns: the same of the unknowns of a step.
+        limits: open interval of each constant that is not free.
+        finite: whether it is a law of F instead of the strain.
+        elastic: whether its constants, numbers, state the elasticity instead of E and ν of the body.
+    """
+
+    memory: ClassVar[Mapping[str, int]] = {}
+    unknowns: ClassVar[Mapping[str, int]] = {}
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    finite: ClassVar[bool] = False
+    elastic: ClassVar[bool] = False
+
+    def statement(self, at: At) -> Stated:
+        """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """Name of the law: that of its class."""
+        return type(self).__name__
+
+    @property
+    def formulas(self) -> dict[str, str]:
+        """Constants that are formulas of the parameters, by name."""
+        return {name: value for name, value in self.constants().items() if isinstance(value, str)}
+
+    def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> object:
+        """Raise SceneError for numbers of constants outside their limits."""
+        for name, number in numbers.items():
+            for value in ends_of(number):
+                check_constant(self.name, name, value, self.limits.get(name, ANY), place)
+        return None
+
+    def constants(self) -> dict[str, float | str]:
+        """Constants by name, numbers or formulas."""
+        named = [item.name for item in fields(self) if _is_constant(item.type)]  # type: ignore[arg-type]
+        return {name: getattr(self, name) for name in named}
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their limits, with a SceneError."""
+        for name, value in self.constants().items():
+            if isinstance(value, str):
+                from hhr_dolfinx.formulas import formula_of
+
+                formula_of(value, f"{name} of {self.name}")
+            else:
+                check_constant(self.name, name, value, self.limits.get(name, ANY))
+
+
+def _is_constant(kind: Any) -> bool:
+    """True for a field declared as a number, or as a number or a text."""
+    words = kind.replace(" ", "") if isinstance(kind, str) else getattr(kind, "__name__", str(kind).replace(" ", ""))
+    return words in ("float", "float|str", "str|float")
+
+
+def ends_of(number: float | np.ndarray) -> list[float]:
+    """Least and largest of the values of a constant, a number or one for each place; none of no places."""
+    if not isinstance(number, np.ndarray):
+        return [number]
+    return [float(number.min()), float(number.max())] if number.size else []
+
+
+def check_constant(law: str, name: str, value: float, limits: tuple[float, float], place: str = "") -> None:
+    """Raise SceneError for a constant that is no number in its open interval."""
+    low, high = limits
+    if not (is_number(value) and low < value < high):
+        least = f"above {low:g}" if low in (0.0, -math.inf, -LARGEST) else f"at least {math.nextafter(low, math.inf):g}"
+        most = f" and below {high:g}" if high < LARGEST else ""
+        raise SceneError(f"{name} = {value} of {law}{place} must be a number {least}{most}")
+
+
+class State(NamedTuple):
+    """Internal variables of the material."""
+
+    inelastic: np.ndarray  # inelastic strain ε - C^-1 σ, Kelvin's notation, (gauss_points, components)
+    cumulated: np.ndarray  # cumulated inelastic strain p, (gauss_points,)
+    memory: np.ndarray  # further variables of the laws, each with its own, (gauss_points, most of any law)
+
+
+class Update(NamedTuple):
+    """Result of a step at all Gauss points."""
+
+    stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
+    state: State  # state at the end of the step
+    tangents: np.ndarray | None  # consistent tangents, (gauss_points, components, components), or None
+
+
+class Given(NamedTuple):
+    """Numbers of a law at a point of the parameters."""
+
+    constants: (
+        np.ndarray
+    )  # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
+    elastic: np.ndarray  # C, (c, c): tangent at rest
+    compliance: np.ndarray  # C^-1, (c, c)
+
+
+def hooke(young: float, poisson: float, components: int) -> tuple[np.ndarray, np.ndarray]:
+    """Isotropic elasticity C and its compliance C^-1 in Kelvin's notation, (c, c) each."""
+    lam, mu = lame_parameters(young, poisson)
+    unit = np.zeros(components)
+    unit[:3] = 1.0
+    whole = np.eye(components)
+    elastic = lam * np.outer(unit, unit) + 2 * mu * whole
+    return elastic, (whole - lam / (3 * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
+
+
+@dataclass(frozen=True, eq=False)
+class LawProgram(Rebuilt):
+    """A law as data: what a file keeps of it, and all that a step needs.
+
+    Attributes:
+        name: name of its class.
+        program: with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`.
+        strains: components of the strain.
+        memory, sizes: names and numbers of components of its internal variables, of which the first are inelastic and
+            cumulated.
+        kinds: kind of each unknown.
+        constants: names of the constants after E and ν.
+        values: their numbers or formulas.
+        low, high: their open intervals.
+        rated: whether the answer depends on the duration of a step.
+        elastic: whether its constants, and not E and ν, state the elasticity.
+        reason: what is wrong beyond its limit; empty without one.
+    """
+
+    name: str
+    program: Program
+    strains: int
+    memory: tuple[str, ...]
+    sizes: Annotated[Integers, "variables"]
+    kinds: Annotated[Integers, "unknowns"]
+    constants: tuple[str, ...]
+    values: tuple[float | str, ...]
+    low: Annotated[Floats, "constants"]
+    high: Annotated[Floats, "constants"]
+    rated: bool
+    elastic: bool = False
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        count = len(self.constants)
+        inputs = self.strains + len(self.kinds) + int(self.sizes.sum()) + 1 + 2 + count
+        sizes = len(self.values) == count == len(self.low) == len(self.high) and len(self.memory) == len(self.sizes)
+        if not sizes or self.program.inputs != inputs or len(self.program.ends) != REST + 2:
+            raise SceneError(f"the law {self.name!r} does not fit its program")
+        found = np.diff(self.program.output_ends, prepend=0).tolist()
+        if found != self._outputs():
+            raise SceneError(f"the program of the law {self.name!r} has {found} outputs, and needs {self._outputs()}")
+        if self.memory[:2] != STANDARD or self.sizes[:2].tolist() != [self.strains, 1]:
+            raise SceneError(f"the memory of the law {self.name!r} must begin with {STANDARD}")
+        if ((self.kinds < 0) | (self.kinds >= max(len(self.kinds), 1))).any() or (self.sizes < 1).any():
+            raise SceneError(f"the law {self.name!r} has sizes that cannot be")
+
+    def _outputs(self) -> list[int]:
+        unknowns = len(self.kinds)
+        strains = self.strains
+        after = int(self.sizes.sum()) + bool(self.reason)  # the stress gives the inelastic strain
+        trial = int(self.program.output_ends[0])
+        slopes = strains * strains + 2 * strains * unknowns
+        solved = [unknowns, unknowns * (1 + unknowns), after, slopes] if unknowns else [0, 0, 0, 0]
+        return [trial if trial in (0, 1) and unknowns else 0, *solved, after, strains * strains]
+
+    @cached_property
+    def remembered(self) -> int:
+        """Number of components of all internal variables."""
+        return int(self.sizes.sum())
+
+    @property
+    def coded(self) -> tuple[Program, list[int], np.ndarray]:
+        """Program, sizes and kinds of unknowns for :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`."""
+        sizes = [self.strains, len(self.kinds), int(self.sizes.sum()), 2 + len(self.constants)]
+        return self.program, [*sizes, self.program.registers, int(bool(self.reason))], self.kinds
+
+    @cached_property
+    def code(self) -> Code:
+        """Arrays for compiled loops."""
+        return code_of([self.coded])
+
+    @property
+    def formulas(self) -> dict[str, str]:
+        """Constants that are formulas of the parameters, by name."""
+        return {name: value for name, value in zip(self.constants, self.values, strict=True) if isinstance(value, str)}
+
+    def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> LawProgram:
+        """The law with numbers for some constants; SceneError for those outside their limits."""
+        for name, low, high in zip(self.constants, self.low, self.high, strict=True):
+            if name in numbers:
+                for value in ends_of(numbers[name]):
+                    check_constant(self.name, name, value, (low, high), place)
+        values = [numbers.get(name, value) for name, value in zip(self.constants, self.values, strict=True)]
+        return replace(self, values=tuple(values))
+
+    def update(self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool) -> Update:
+        """Stress, state and tangents at the end of a step at some points; ConvergenceError without an answer."""
+        components = self.strains
+        points = len(strain)
+        strains = np.ascontiguousarray(strain.T)
+        before = np.empty((self.remembered, points))
+        before[:components] = old.inelastic.T
+        before[components] = old.cumulated
+        before[components + 1 :] = old.memory.T[: self.remembered - components - 1]
+        stress = np.empty((components, points))
+        new = np.empty_like(before)
+        tangents = np.empty((components, components, points) if tangent else (0, 0, 0))
+        result = np.zeros(points, dtype=np.int64)
+        solve_points(self.code, 0, strains, before, float(dt), *given[::2], stress, new, tangents, result)
+        self._check(result, strains)
+        state = State(new[:components].T, new[components], new[components + 1 :].T)
+        return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
+
+    def given(self, young: float, poisson: float) -> Given:
+        """Constants, which must be numbers, and the elasticity at rest; SceneError for a formula."""
+        texts = [value for value in self.values if isinstance(value, str)]
+        if texts:
+            raise SceneError(
+                f"{texts[0]!r} of {self.name} is a formula of the parameters: material.at(point) has its number"
+            )
+        rows = np.broadcast_arrays(young, poisson, *self.values)
+        constants = np.array(rows, dtype=float).reshape(len(rows), -1)
+        if not self.elastic:
+            return Given(constants, *hooke(young, poisson, self.strains))
+        at_rest = np.zeros((self.program.inputs, 1))
+        at_rest[-len(constants) :] = constants
+        elastic = evaluated(self.program, at_rest, TRIAL, REST, REST_SLOPES).reshape(self.strains, self.strains)
+        return Given(constants, elastic, np.linalg.inv(elastic))
+
+    def _check(self, result: np.ndarray, strain: np.ndarray) -> None:
+        """Raise ConvergenceError for points without an answer, if their strain is a number."""
+        if not result.any():
+            return
+        bad = np.flatnonzero((result != SOLVED) & np.isfinite(strain).all(axis=0))
+        if not bad.size:
+            return
+        worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
+        shown = ", ".join(f"{value:.3g}" for value in worst)
+        why = "its equations have no solution there, or a step is too large: make smaller steps, and check the units"
+        if (result[bad] == BEYOND).any() or self.reason:
+            why = f"{self.reason}: give smaller loads"
+        place = f"at {bad.size} points, such as for the strain ({shown})"
+        raise ConvergenceError(f"{self.name} has no answer {place}: {why}")
+
+
+def program_of(law: Law, strains: int) -> LawProgram:
+    """A law as data for strains of 4 or 6 components, or F of 9; SceneError for what programs cannot state."""
+    made = _Made(law, strains)
+    named = law.constants()
+    limits = [law.limits.get(name, ANY) for name in named]
+    return LawProgram(
+        law.name,
+        made.program(),
+        strains,
+        (*STANDARD, *law.memory),
+        np.array([strains, 1, *(size or strains for size in law.memory.values())], dtype=np.int64),
+        np.repeat(np.arange(len(law.unknowns)), [size or strains for size in law.unknowns.values()]).astype(np.int64),
+        tuple(named),
+        tuple(value if isinstance(value, str) else float(value) for value in named.values()),
+        np.nan_to_num([low for low, _ in limits]).astype(float),  # files hold no infinite numbers
+        np.nan_to_num([high for _, high in limits]).astype(float),
+        made.rated,
+        law.elastic,
+        made.stated.reason,
+    )
+
+
+class _Made:
+    """The statement of a law as nodes of a graph."""
+
+    def __init__(self, law: Law, strains: int):
+        from hhr_dolfinx.forms.laws import At
+        from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
+        from hhr_dolfinx.plugins.programs.graph import Graph
+
+        self.graph: Graph = Graph()
+        self.law = law
+        groups: dict[str, dict[str, int]] = {
+            "y": {name: size or strains for name, size in law.unknowns.items()},
+            "old": {name: size or strains for name, size in {**_OF_ALL, **law.memory}.items()},
+            "constant": dict.fromkeys((*_ELASTIC, *law.constants()), 1),
+        }
+        counts = {kind: sum(sizes.values()) for kind, sizes in groups.items()}
+        self.inputs = {"strain": strains, "y": counts["y"], "old": counts["old"], "dt": 1} | {
+            "constant": counts["constant"]
+        }
+        shapes: dict[str, tuple[int, ...]] = {"strain": (3, 3) if law.finite else (strains,), "dt": ()}
+        for kind, sizes in groups.items():
+            shapes |= {f"{kind}_{name}": (size,) if size > 1 else () for name, size in sizes.items()}
+        found = symbols(**shapes)
+        table = {found["strain"]: self._nodes("strain", 0, strains), found["dt"]: self._nodes("dt", 0, 1)}
+        spaces = {}
+        for kind, sizes in groups.items():
+            first = 0
+            for name, size in sizes.items():
+                table[found[f"{kind}_{name}"]] = self._nodes(kind, first, size)
+                first += size
+            spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
+        at = At(found["strain"], spaces["y"], spaces["old"], found["dt"], spaces["constant"])
+        self.stated = law.statement(at)
+        self._of = lambda expression: nodes_of(self.graph, expression, table)
+
+    def _nodes(self, kind: str, first: int, size: int) -> list[int]:
+        return [self.graph.input(kind, first + place) for place in range(size)]
+
+    def _initial(self, given: Mapping[str, Any]) -> list[int]:
+        """Nodes of values of the unknowns, 0 for those not given."""
+        sizes = {name: size or self.inputs["strain"] for name, size in self.law.unknowns.items()}
+        zero = self.graph.const(0)
+        found = (self._of(given[name]) if name in given else [zero] * size for name, size in sizes.items())
+        return [node for nodes in found for node in nodes]
+
+    def program(self) -> Program:
+        """The program; SceneError for a statement whose parts do not fit the law."""
+        graph = self.graph
+        stated = self.stated
+        strain = self._nodes("strain", 0, self.inputs["strain"])
+        unknown = self._nodes("y", 0, self.inputs["y"])
+        stress = self._of(stated.stress)
+        missing = set(self.law.memory) ^ (set(stated.memory) - {"cumulated"})
+        if missing or len(stress) != len(strain):
+            raise SceneError(
+                f"{self.law.name} has a stress of {len(stress)} components for {len(strain)} of strain, and "
+                f"a memory {list(stated.memory)}; its class declares {list(self.law.memory)}"
+            )
+        same = self._nodes("old", len(strain), 1)
+        grown = self._of(stated.memory["cumulated"]) if "cumulated" in stated.memory else same
+        after = [*stress, *grown, *(node for name in self.law.memory for node in self._of(stated.memory[name]))]
+        after += [] if stated.limit is None else self._of(stated.limit)
+        left = [node for part in stated.residual for node in self._of(part)]
+        if len(left) != len(unknown):
+            raise SceneError(f"{self.law.name} has {len(unknown)} unknowns and {len(left)} residuals")
+        start = self._initial(stated.start)
+        moving = set(unknown) & set(graph.needed([*start, *([] if stated.trial is None else self._of(stated.trial))]))
+        if moving:
+            raise SceneError(f"{self.law.name} states its trial or its start by its unknowns, which it starts for")
+        idle = dict(zip(unknown, self._initial(stated.rest), strict=True))
+        rest = graph.substituted(after, idle)
+        trial = [] if stated.trial is None or not unknown else self._of(stated.trial)
+        solved: list[list[int]] = [[], [], [], []]
+        if unknown:
+            slopes = graph.jacobian(stress, strain) + graph.jacobian(stress, unknown) + graph.jacobian(left, strain)
+            solved = [start, left + graph.jacobian(left, unknown), after, slopes]
+        # differentiated after the unknowns are replaced, so that quotients of zeros fold away
+        parts = [trial, *solved, rest, graph.jacobian(rest[: len(stress)], strain)]
+        clock = graph.input("dt", 0)
+        self.rated = any(clock in graph.needed(part) for part in parts)
+        return Program.of(graph, self.inputs, parts, ORDER)

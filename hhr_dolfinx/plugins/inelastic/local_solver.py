@@ -1,0 +1,445 @@
+"""Unknowns of laws at many points: Newton's method, compiled once for all laws.
+
+A point is solved when a step changes each unknown by less than :data:`DONE` of the largest unknown of its kind, and
+that step was made: what is left is its square. A residual has a unit and says nothing of the unknown. The line search
+takes Deuflhard's natural test, whether the last factors make a shorter step of the new residual (Deuflhard 2011,
+section 3.3): it depends on no unit either.
+
+Points go through the machine in blocks. In a block all points go on until the last one is solved; those that are
+solved, or need no solution, stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.plugins.programs.machine import BLOCK, run, set_numbers
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.programs.program import Program
+
+TRIAL, START, LOCAL, AFTER, SLOPES, REST, REST_SLOPES = range(7)
+"""Parts of the program of a law: whether there is something to solve for; first iterate; residual and its derivatives
+by the unknowns; stress, memory and limit; their derivatives by strain and unknowns, and those of the residual by the
+strain; and both for a point without unknowns."""
+ITERATIONS = 60
+"""Most evaluations of a residual at a point."""
+LEAST_SHARE = 1 / 4096
+"""Smallest part of a step that the line search tries."""
+DONE = 1e-9
+ROUND_OFF = 1e-14
+"""Part of a strain that counts as its round-off: differences of strains that an equation takes have some more."""
+SOLVED, NOT_SOLVED, BEYOND = range(3)
+"""Results at a point; ``BEYOND`` is beyond the limit that a law states."""
+
+
+class Code(NamedTuple):
+    """Programs of G laws one after another, and sizes of their inputs; functions take a law by its number."""
+
+    rows: np.ndarray
+    numbers: np.ndarray
+    outputs: np.ndarray
+    starts: np.ndarray  # of each part in ``rows``, (G, 7), as the next
+    ends: np.ndarray
+    output_starts: np.ndarray  # of each part in ``outputs``, (G, 7)
+    output_ends: np.ndarray
+    number_ends: np.ndarray  # in ``numbers``, (G + 1,)
+    sizes: np.ndarray  # see below, (G, 6)
+    kinds: np.ndarray  # of each unknown, (G, most unknowns)
+
+
+STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)
+"""Columns of ``sizes``: components of strain, unknowns, components of memory, constants, registers; 1 with a limit."""
+
+
+@compiled(inner=True, error_model="numpy")
+def _factor(factors, pivots, which):
+    """LU factors of matrices, (n, n, points), in their place, for some points; a singular one has a pivot 0 or NaN."""
+    size = len(factors)
+    for k in range(which.size if size > 1 else 0):
+        if not which[k]:
+            continue
+        for i in range(size):
+            best = i
+            for j in range(i + 1, size):
+                if abs(factors[j, i, k]) > abs(factors[best, i, k]):
+                    best = j
+            pivots[i, k] = best
+            if best != i:
+                for j in range(size):
+                    factors[i, j, k], factors[best, j, k] = factors[best, j, k], factors[i, j, k]
+            for j in range(i + 1, size):
+                share = factors[j, i, k] / factors[i, i, k]
+                factors[j, i, k] = share
+                for m in range(i + 1, size):
+                    factors[j, m, k] -= share * factors[i, m, k]
+
+
+@compiled(inner=True, error_model="numpy")
+def _solve(factors, pivots, which, vectors):
+    """Solve with LU factors which replace the right-hand sides, (n, points), for some points."""
+    size = len(factors)
+    if size == 1:
+        for k in range(which.size):
+            if which[k]:
+                vectors[0, k] /= factors[0, 0, k]
+        return
+    for k in range(which.size):
+        if not which[k]:
+            continue
+        for i in range(size):
+            other = pivots[i, k]
+            vectors[i, k], vectors[other, k] = vectors[other, k], vectors[i, k]
+        for i in range(1, size):
+            for j in range(i):
+                vectors[i, k] -= factors[i, j, k] * vectors[j, k]
+        for i in range(size - 1, -1, -1):
+            for j in range(i + 1, size):
+                vectors[i, k] -= factors[i, j, k] * vectors[j, k]
+            vectors[i, k] /= factors[i, i, k]
+
+
+@compiled(inner=True, error_model="numpy")
+def _measure(steps, weights, kinds, lengths):
+    """Largest part of an unknown that a step changes, relative to its kind; infinite if it is not finite."""
+    for k in range(lengths.size):
+        lengths[k] = 0.0
+    for i in range(kinds.size):
+        kind = kinds[i]
+        for k in range(lengths.size):
+            part = abs(steps[i, k]) / weights[kind, k] if steps[i, k] != 0.0 else 0.0
+            lengths[k] = max(lengths[k], part if part < np.inf else np.inf)  # NaN too
+
+
+@compiled(inner=True, error_model="numpy")
+def _newton(code, law, work, open_, factors, pivots):
+    """Solve for the unknowns of the points of a block that are open; ``open_`` becomes the result at each."""
+    strains = code.sizes[law, STRAINS]
+    size = code.sizes[law, UNKNOWNS]
+    kinds = code.kinds[law, :size]
+    count = open_.size
+    here = np.zeros((size, count))
+    steps = np.zeros((size, count))
+    new = np.zeros((size, count))
+    weights = np.ones((size, count))
+    last = np.full(count, np.inf)
+    length = np.zeros(count)
+    share = np.ones(count)
+    chosen = np.zeros(count, dtype=np.bool_)
+    for iteration in range(ITERATIONS):
+        pending = 0
+        for k in range(count):
+            chosen[k] = open_[k] == NOT_SOLVED
+            pending += chosen[k]
+        if pending == 0:
+            return
+        run(code.rows, code.starts[law, LOCAL], code.ends[law, LOCAL], work)
+        if iteration > 0:
+            _negate(code, law, work, chosen, new)
+            _solve(factors, pivots, chosen, new)
+            _measure(new, weights, kinds, length)
+            for k in range(count):
+                if chosen[k] and not length[k] <= (1 - 0.25 * share[k]) * last[k] and share[k] > LEAST_SHARE:
+                    share[k] *= 0.5
+                    chosen[k] = False
+                    for i in range(size):
+                        work[strains + i, k] = here[i, k] + share[k] * steps[i, k]
+        _linearise(code, law, work, chosen, factors, here)
+        _negate(code, law, work, chosen, new)
+        _factor(factors, pivots, chosen)
+        _solve(factors, pivots, chosen, new)
+        _weigh(here, new, chosen, kinds, weights)
+        _measure(new, weights, kinds, length)
+        for i in range(size):
+            for k in range(count):
+                if chosen[k]:
+                    steps[i, k] = new[i, k]
+                    work[strains + i, k] = here[i, k] + new[i, k]
+        for k in range(count):
+            if chosen[k]:
+                share[k] = 1.0
+                last[k] = length[k]
+                if not length[k] < np.inf:
+                    open_[k] = -NOT_SOLVED  # no more iterations
+                elif length[k] <= DONE:
+                    open_[k] = SOLVED
+    _settle(code, law, work, open_, factors, pivots, here, steps)
+
+
+@compiled(inner=True, error_model="numpy")
+def _settle(code, law, work, open_, factors, pivots, here, steps):
+    """Take points as solved whose steps are as small as a change of the strain by round-off makes them.
+
+    Where a point is just about to yield, its flow is such a change, and the steps are never small beside it.
+    """
+    strains = code.sizes[law, STRAINS]
+    size = len(here)
+    for i in range(size):
+        for k in range(open_.size):
+            if open_[k] == NOT_SOLVED:
+                work[strains + i, k] = here[i, k] + steps[i, k]
+    run(code.rows, code.starts[law, AFTER], code.ends[law, SLOPES], work)
+    first = code.output_starts[law, SLOPES] + strains * (strains + size)
+    which = open_ == NOT_SOLVED
+    column = np.zeros((size, open_.size))
+    noise = np.zeros((size, open_.size))
+    for j in range(strains):
+        for i in range(size):
+            row = code.outputs[first + i * strains + j]
+            for k in range(open_.size):
+                column[i, k] = work[row, k]
+        _solve(factors, pivots, which, column)
+        noise += np.abs(column)
+    for k in range(open_.size):
+        if which[k]:
+            scale = 0.0
+            for i in range(strains):
+                scale = max(scale, abs(work[i, k]), abs(work[strains + size + i, k]))
+            small = True
+            for i in range(size):
+                small = small and abs(steps[i, k]) <= ROUND_OFF * scale * noise[i, k]
+            if small:
+                open_[k] = SOLVED
+
+
+@compiled(inner=True)
+def _negate(code, law, work, which, new):
+    """The residual of some points, with the other sign."""
+    first = code.output_starts[law, LOCAL]
+    for i in range(len(new)):
+        row = code.outputs[first + i]
+        for k in range(which.size):
+            if which[k]:
+                new[i, k] = -work[row, k]
+
+
+@compiled(inner=True)
+def _linearise(code, law, work, which, factors, here):
+    """The derivatives of the residual of some points, and their unknowns."""
+    size = len(here)
+    first = code.output_starts[law, LOCAL] + size
+    for i in range(size):
+        for k in range(which.size):
+            if which[k]:
+                here[i, k] = work[code.sizes[law, STRAINS] + i, k]
+        for j in range(size):
+            row = code.outputs[first + i * size + j]
+            for k in range(which.size):
+                if which[k]:
+                    factors[i, j, k] = work[row, k]
+
+
+@compiled(inner=True)
+def _weigh(here, new, which, kinds, weights):
+    """Size of the unknowns of each kind at some points."""
+    for i in range(kinds.size):
+        for k in range(which.size):
+            if which[k]:
+                weights[i, k] = 0.0
+    for i in range(kinds.size):
+        kind = kinds[i]
+        for k in range(which.size):
+            if which[k]:
+                weights[kind, k] = max(weights[kind, k], abs(here[i, k]), abs(new[i, k]))
+
+
+@compiled(inner=True)
+def _load(code, law, work, first, count, strain, old, dt, constants):
+    """Set the inputs of a block; points beyond the last one repeat it."""
+    strains = code.sizes[law, STRAINS]
+    unknowns = code.sizes[law, UNKNOWNS]
+    memory = code.sizes[law, MEMORY]
+    at_memory = strains + unknowns
+    at_constants = at_memory + memory + 1
+    block = work.shape[1]
+    for i in range(strains):
+        for k in range(count):
+            work[i, k] = strain[i, first + k]
+    for i in range(memory):
+        for k in range(count):
+            work[at_memory + i, k] = old[i, first + k]
+    for k in range(block):
+        work[at_constants - 1, k] = dt
+    for i in range(constants.shape[0]):
+        for k in range(count):
+            work[at_constants + i, k] = constants[i, first + k if constants.shape[1] > 1 else 0]
+    for i in range(at_constants + constants.shape[0]):
+        for k in range(count, block):
+            work[i, k] = work[i, count - 1]
+
+
+@compiled(inner=True)
+def _store(code, law, work, part, first, points, wanted, found):
+    """Store stress and memory of the points of a block with ``points`` as wanted, and which are beyond the limit."""
+    stress, new, _, result = found
+    outputs = code.outputs
+    start = code.output_starts[law, part]
+    stresses = stress.shape[0]
+    memory = new.shape[0]
+    count = min(points.size, stress.shape[1] - first)
+    for i in range(stresses):
+        row = outputs[start + i]
+        for k in range(count):
+            if points[k] == wanted:
+                stress[i, first + k] = work[row, k]
+    for i in range(stresses, memory):
+        row = outputs[start + i]
+        for k in range(count):
+            if points[k] == wanted:
+                new[i, first + k] = work[row, k]
+    if code.sizes[law, LIMITED] and (part == AFTER or code.sizes[law, UNKNOWNS] == 0):
+        row = outputs[start + memory]
+        for k in range(count):
+            if points[k] == wanted and not work[row, k] >= 0:
+                result[first + k] = BEYOND
+
+
+@compiled(inner=True, error_model="numpy")
+def _store_tangents(code, law, work, part, first, points, wanted, tangent, factors):
+    """Store the tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε of these points."""
+    matrices, pivots, columns = factors
+    strains = code.sizes[law, STRAINS]
+    size = code.sizes[law, UNKNOWNS]
+    outputs = code.outputs
+    start = code.output_starts[law, part]
+    by_unknown = start + strains * strains
+    of_residual = by_unknown + strains * size
+    corrected = size if part == SLOPES else 0
+    count = min(points.size, tangent.shape[2] - first)
+    for j in range(strains if corrected else 0):
+        for i in range(size):
+            row = outputs[of_residual + i * strains + j]
+            for k in range(count):
+                columns[j, i, k] = work[row, k]
+        _solve(matrices, pivots, points, columns[j])
+    for i in range(strains):
+        for j in range(strains):
+            row = outputs[start + i * strains + j]
+            for k in range(count):
+                if points[k] == wanted:
+                    tangent[i, j, first + k] = work[row, k]
+            for a in range(corrected):
+                row = outputs[by_unknown + i * size + a]
+                for k in range(count):
+                    if points[k]:
+                        tangent[i, j, first + k] -= work[row, k] * columns[j, a, k]
+
+
+@compiled(inner=True)
+def _finish(code, law, work, part, first, points, wanted, found, factors):
+    """Store stress, memory and tangents of the points of a block that were solved for, or of all others."""
+    run(code.rows, code.starts[law, part], code.ends[law, part], work)
+    _store(code, law, work, part, first, points, wanted, found)
+    tangent = found[2]
+    if tangent.size > 0:
+        run(code.rows, code.starts[law, part + 1], code.ends[law, part + 1], work)
+        _store_tangents(code, law, work, part + 1, first, points, wanted, tangent, factors)
+
+
+@compiled(inner=True, error_model="numpy")
+def _solve_block(code, law, work, first, count, states, found, factors):
+    """Solve for the points of a block whose inputs are set; ``states`` tell whether and how each is solved."""
+    points, open_ = states
+    result = found[3]
+    size = code.sizes[law, UNKNOWNS]
+    trial = code.output_starts[law, TRIAL]
+    tried = code.output_ends[law, TRIAL] > trial
+    run(code.rows, code.starts[law, TRIAL], code.ends[law, TRIAL], work)
+    active = 0
+    for k in range(points.size):
+        # NaN is to be solved for, and fails
+        points[k] = k < count and size > 0 and (not tried or not work[code.outputs[trial], k] <= 0)
+        open_[k] = NOT_SOLVED if points[k] else SOLVED
+        active += points[k]
+    if active > 0:
+        run(code.rows, code.starts[law, START], code.ends[law, START], work)
+        for i in range(size):
+            place = code.outputs[code.output_starts[law, START] + i]
+            for k in range(points.size):
+                work[code.sizes[law, STRAINS] + i, k] = work[place, k]
+        _newton(code, law, work, open_, factors[0], factors[1])
+        _finish(code, law, work, AFTER, first, points, True, found, factors)
+    for k in range(count):
+        result[first + k] = max(result[first + k], abs(open_[k]))
+    if active < count:
+        _finish(code, law, work, REST, first, points, False, found, factors)
+
+
+@compiled(dear="the update of laws of bodies", error_model="numpy")
+def solve_points(
+    code: Code, law: int, strain: np.ndarray, old: np.ndarray, dt: float, constants: np.ndarray,
+    compliance: np.ndarray, stress: np.ndarray, new: np.ndarray, tangent: np.ndarray, result: np.ndarray,
+) -> None:  # fmt: skip
+    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step at n points; tangents may be empty.
+
+    Strains are (c, n), constants (constants, n), or (constants, 1) if they are the same at all points, C^-1 is (c, c).
+    ``result`` is one of :data:`SOLVED`, :data:`NOT_SOLVED`, :data:`BEYOND` at each point.
+    """
+    strains = code.sizes[law, STRAINS]
+    size = code.sizes[law, UNKNOWNS]
+    block = min(BLOCK, (strain.shape[1] + 7) // 8 * 8)
+    work = np.empty((code.sizes[law, REGISTERS], block))
+    numbers = code.numbers[code.number_ends[law] : code.number_ends[law + 1]]
+    set_numbers(numbers, strains + size + code.sizes[law, MEMORY] + 1 + code.sizes[law, CONSTANTS], work)
+    factors = np.empty((size, size, block)), np.empty((size, block), dtype=np.int64), np.empty((strains, size, block))
+    states = np.zeros(block, dtype=np.bool_), np.zeros(block, dtype=np.int64)
+    found = stress, new, tangent, result
+    for first in range(0, strain.shape[1], block):
+        count = min(block, strain.shape[1] - first)
+        _load(code, law, work, first, count, strain, old, dt, constants)
+        _solve_block(code, law, work, first, count, states, found, factors)
+    _set_inelastic(strain, old, compliance, stress, new)
+
+
+@compiled(inner=True)
+def _set_inelastic(strain, old, compliance, stress, new):
+    """Inelastic strain ε - C^-1 σ; where nothing flowed, it does not change by round-off."""
+    components, points = strain.shape
+    for i in range(components):
+        for k in range(points):
+            new[i, k] = strain[i, k]
+        for j in range(components):
+            share = compliance[i, j]
+            if share != 0.0:
+                for k in range(points):
+                    new[i, k] -= share * stress[j, k]
+    for k in range(points):
+        if new[components, k] == old[components, k]:
+            size = 0.0
+            change = 0.0
+            for i in range(components):
+                size = max(size, abs(strain[i, k]), abs(old[i, k]))
+                change = max(change, abs(new[i, k] - old[i, k]))
+            if change <= ROUND_OFF * size:
+                for i in range(components):
+                    new[i, k] = old[i, k]
+
+
+def code_of(programs: Sequence[tuple[Program, Sequence[int], np.ndarray]]) -> Code:
+    """Programs of laws one after another, each with the sizes of :data:`STRAINS` and the kinds of its unknowns."""
+    rows = [program.rows for program, _, _ in programs]
+    outputs = [program.outputs for program, _, _ in programs]
+    first = np.cumsum([0, *map(len, rows)])
+    first_output = np.cumsum([0, *map(len, outputs)])
+    ends = np.array([program.ends for program, _, _ in programs]) + first[:-1, None]
+    output_ends = np.array([program.output_ends for program, _, _ in programs]) + first_output[:-1, None]
+    kinds = np.zeros((len(programs), max(len(item) for _, _, item in programs)), dtype=np.int64)
+    for row, (_, _, item) in zip(kinds, programs, strict=True):
+        row[: len(item)] = item
+    arrays = (
+        np.vstack(rows),
+        np.concatenate([program.numbers for program, _, _ in programs]),
+        np.concatenate(outputs),
+        np.hstack([first[:-1, None], ends[:, :-1]]),
+        ends,
+        np.hstack([first_output[:-1, None], output_ends[:, :-1]]),
+        output_ends,
+        np.cumsum([0, *(len(program.numbers) for program, _, _ in programs)]),
+        np.array([sizes for _, sizes, _ in programs], dtype=np.int64),
+        kinds,
+    )
+    return Code(*map(np.ascontiguousarray, arrays))

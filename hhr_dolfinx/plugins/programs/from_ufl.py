@@ -1,0 +1,111 @@
+"""Expressions of UFL in a :class:`~hhr_dolfinx.plugins.programs.graph.Graph`, component by component."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.programs.graph import Graph
+
+
+def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
+    """Symbols of UFL by name: constants with these shapes on a mesh without meaning. It needs basix, not DOLFINx."""
+    import basix.ufl
+    import ufl
+
+    mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
+    return {name: ufl.Constant(mesh, shape=shape) for name, shape in shapes.items()}
+
+
+def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> list[int]:
+    """Nodes of all components of an expression; ``inputs`` maps symbols to the nodes of their components.
+
+    Raises:
+        SceneError: for operations that programs do not have, such as Bessel functions or derivatives in space.
+    """
+    from ufl import as_ufl
+    from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+    from ufl.algorithms.apply_derivatives import apply_derivatives
+
+    lowered = apply_derivatives(apply_algebra_lowering(as_ufl(expression)))
+    walk = _Walk(graph, inputs)
+    return [walk.value(lowered, place, {}) for place in np.ndindex(*lowered.ufl_shape)]
+
+
+_SCALAR = {
+    "Sqrt": "sqrt", "Exp": "exp", "Ln": "log", "Sin": "sin", "Cos": "cos", "Tan": "tan", "Asin": "asin",
+    "Acos": "acos", "Atan": "atan", "Sinh": "sinh", "Cosh": "cosh", "Tanh": "tanh", "Atan2": "atan2", "Power": "pow",
+    "Abs": "abs", "MaxValue": "max", "MinValue": "min", "LT": "lt", "LE": "le", "EQ": "eq", "AndCondition": "and",
+    "OrCondition": "or", "NotCondition": "not", "Product": "mul",
+}  # fmt: skip
+_TURNED = {"GT": "lt", "GE": "le"}
+_SAME = {"Variable", "Conj", "Real"}
+
+
+class _Walk:
+    """One walk through an expression; each part is translated once for each component and each free index."""
+
+    def __init__(self, graph: Graph, inputs: Mapping[Any, list[int]]):
+        self._graph = graph
+        self._inputs = inputs
+        self._memo: dict[tuple, int] = {}
+
+    def value(self, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
+        """Node of a component of a part, for values of its free indices."""
+        key = part, place, tuple(free[index] for index in part.ufl_free_indices)
+        if key not in self._memo:
+            self._memo[key] = self._leaf(part, place, free)
+        return self._memo[key]
+
+    def _leaf(self, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
+        if part in self._inputs:
+            return self._inputs[part][int(np.ravel_multi_index(place, part.ufl_shape)) if place else 0]
+        kind = type(part).__name__
+        if kind == "Zero":
+            return self._graph.const(0)
+        if kind in ("IntValue", "FloatValue", "RealValue"):
+            return self._graph.const(float(part))
+        if kind == "Identity":
+            return self._graph.const(place[0] == place[1])
+        return self._tensor(kind, part, place, free)
+
+    def _tensor(self, kind: str, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
+        operands = part.ufl_operands
+        if kind in _SAME:
+            return self.value(operands[0], place, free)
+        if kind == "Indexed":
+            return self.value(operands[0], tuple(_number(index, free) for index in operands[1]), free)
+        if kind == "ComponentTensor":
+            bound = {index.count(): number for index, number in zip(operands[1], place, strict=True)}
+            return self.value(operands[0], (), free | bound)
+        if kind == "ListTensor":
+            return self.value(operands[place[0]], place[1:], free)
+        if kind == "IndexSum":
+            (index,) = operands[1]
+            total = self._graph.const(0)
+            for number in range(part.dimension()):
+                total = self._graph.apply("add", total, self.value(operands[0], place, free | {index.count(): number}))
+            return total
+        if kind == "Sum":
+            return self._graph.apply("add", *(self.value(operand, place, free) for operand in operands))
+        if kind == "Division":
+            return self._graph.apply("div", self.value(operands[0], place, free), self.value(operands[1], (), free))
+        if kind == "Conditional":
+            chosen = (self.value(operand, place, free) for operand in operands[1:])
+            return self._graph.apply("select", self.value(operands[0], (), free), *chosen)
+        scalars = [self.value(operand, (), free) for operand in operands if kind in _SCALAR or kind in _TURNED]
+        if kind in _TURNED:
+            return self._graph.apply(_TURNED[kind], *scalars[::-1])
+        if kind in _SCALAR:
+            return self._graph.apply(_SCALAR[kind], *scalars)
+        raise SceneError(
+            f"{kind} is no operation of a program, in {str(part)[:80]}: state it by sums, products, powers, roots, "
+            "exponentials, angles, conditionals, and the symbols that were given"
+        )
+
+
+def _number(index: Any, free: dict[int, int]) -> int:
+    return int(index) if type(index).__name__ == "FixedIndex" else free[index.count()]

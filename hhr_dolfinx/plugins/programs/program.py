@@ -1,0 +1,218 @@
+"""Straight-line programs: integers and numbers, which a file keeps and any language evaluates in forty lines.
+
+Nothing in a program can loop, call or allocate. The worst that a changed one can do is compute other numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from hhr_dolfinx.declared import Floats, Integers, Size
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.programs.graph import OPERATIONS, Graph
+
+CODES = {name: code for code, name in enumerate(OPERATIONS)}
+"""Number of each operation in a file."""
+_COUNTS = np.array(list(OPERATIONS.values()))
+MOST_REGISTERS = 100_000
+"""Registers above which a program is refused: its memory would be too large."""
+
+
+@dataclass(frozen=True, eq=False)
+class Program(Rebuilt):
+    """Parts of straight-line code on common registers: the inputs, then the numbers, then results of operations.
+
+    Attributes:
+        rows: operation, register of its result, and registers of its operands, of which those not needed are 0.
+        numbers: constants, in the registers after the inputs.
+        ends: end of each part in ``rows``.
+        outputs: registers of the results of all parts.
+        output_ends: end of each part in ``outputs``.
+        inputs: number of inputs.
+        registers: number of registers.
+
+    Raises:
+        SceneError: for unknown operations, and registers that do not exist or are not computed before.
+    """
+
+    rows: Annotated[Integers, "rows", 5]
+    numbers: Annotated[Floats, "numbers"]
+    ends: Annotated[Integers, "parts"]
+    outputs: Annotated[Integers, "outputs"]
+    output_ends: Annotated[Integers, "parts"]
+    inputs: int
+    registers: int
+
+    def __post_init__(self) -> None:
+        fault = next(self._faults(), None)
+        if fault is not None:
+            raise SceneError(f"this is no program: {fault}")
+
+    def _faults(self) -> Iterator[str]:
+        rows = self.rows
+        known = self.inputs + len(self.numbers)
+        if rows.ndim != 2 or rows.shape[1] != 5 or not known <= self.registers <= MOST_REGISTERS:
+            yield f"its rows are {rows.shape}, its registers {self.registers}"
+            return
+        ends = ((self.ends, len(rows)), (self.output_ends, len(self.outputs)))
+        if any(len(all_) == 0 or (np.diff(all_, prepend=0) < 0).any() or all_[-1] != last for all_, last in ends):
+            yield "its parts do not end with it"
+            return
+        if not ((rows[:, 0] >= 0) & (rows[:, 0] < len(CODES))).all():
+            yield "an operation is unknown"
+            return
+        defined = np.zeros(self.registers, dtype=bool)
+        defined[:known] = True
+        for part in range(len(self.ends)):
+            yield from self._undefined(part, known, defined)
+
+    def _undefined(self, part: int, known: int, defined: np.ndarray) -> Iterator[str]:
+        rows = self.rows[self.ends[part - 1] if part else 0 : self.ends[part]]
+        for code, result, *operands in rows.tolist():
+            used = operands[: _COUNTS[code]]
+            if not all(0 <= place < self.registers and defined[place] for place in used) or any(
+                operands[_COUNTS[code] :]
+            ):
+                yield f"an operand of {used} is not computed before"
+                return
+            if not known <= result < self.registers:
+                yield f"register {result} is no result"
+                return
+            defined[result] = True
+        found = self.outputs[self.output_ends[part - 1] if part else 0 : self.output_ends[part]]
+        if not all(0 <= place < self.registers and defined[place] for place in found.tolist()):
+            yield f"an output of part {part} is not computed"
+
+    @classmethod
+    def of(
+        cls, graph: Graph, inputs: Mapping[str, Size], parts: Sequence[Sequence[int]], order: Order | None = None
+    ) -> Program:
+        """The program of parts, each with the nodes of its outputs; ``inputs`` are names with sizes, in their order."""
+        firsts = dict(zip(inputs, np.cumsum([0, *inputs.values()]).tolist(), strict=False))
+        count = sum(inputs.values())
+        needed = [graph.needed(part) for part in parts]
+        values = sorted({graph.nodes[node][1] for part in needed for node in part if graph.nodes[node][0] == "const"})
+        places = {value: count + number for number, value in enumerate(values)}
+        fixed: dict[int, int] = {}
+        for node in {node for part in needed for node in part}:
+            kind, *rest = graph.nodes[node]
+            if kind == "const":
+                fixed[node] = places[rest[0]]
+            elif kind == "input":
+                fixed[node] = firsts[rest[0]] + rest[1]
+        order = Order((None,) * len(parts)) if order is None else order
+        made = _Registers(graph, fixed, count + len(values), order)
+        made.add(parts, order.homes(graph, needed))
+        return cls(
+            np.array([row for code in made.rows for row in code], dtype=np.int64).reshape(-1, 5),
+            np.array(values, dtype=float),
+            np.cumsum([len(code) for code in made.rows]),
+            np.array([place for found in made.outputs for place in found], dtype=np.int64),
+            np.cumsum([len(found) for found in made.outputs]),
+            count,
+            made.size,
+        )
+
+
+@dataclass(frozen=True)
+class Order:
+    """Order in which parts are executed on the same registers: values of a part are there in those after it.
+
+    Attributes:
+        parents: part before each, as a tree; None for the first.
+        moving: name of an input that changes between parts; empty without one.
+        settled: parts before it is set.
+        repeated: part that is executed again and again, as it changes; -1 without one.
+    """
+
+    parents: tuple[int | None, ...]
+    moving: str = ""
+    settled: frozenset[int] = frozenset()
+    repeated: int = -1
+
+    def line(self, part: int | None) -> list[int]:
+        """A part and those before it, the last one first."""
+        found = []
+        while part is not None:
+            found.append(part)
+            part = self.parents[part]
+        return found
+
+    def homes(self, graph: Graph, needed: Sequence[Sequence[int]]) -> list[list[int]]:
+        """Operations that each part computes: a value that several parts need is computed once, before all of them."""
+        users: dict[int, list[int]] = {}
+        for part, nodes in enumerate(needed):
+            for node in nodes:
+                users.setdefault(node, []).append(part)
+        moves: dict[int, bool] = {}
+        found: list[list[int]] = [[] for _ in needed]
+        for node in sorted(users):
+            kind, *args = graph.nodes[node]
+            if kind in ("const", "input"):
+                moves[node] = kind == "input" and args[0] == self.moving
+                continue
+            moves[node] = any(moves[arg] for arg in args)
+            groups: dict[int | None, list[int]] = {}
+            for part in users[node]:
+                top = [one for one in self.line(part) if not (moves[node] and one in self.settled)][-1]
+                groups.setdefault(top, []).append(part)
+            for group in groups.values():
+                home = next(one for one in self.line(group[0]) if all(one in self.line(part) for part in group))
+                if home == self.repeated and not moves[node]:
+                    home = self.parents[home] or 0
+                found[home].append(node)
+        return found
+
+
+class _Registers:
+    """Registers of values: one is used again after the last use of its value, if no later part needs it."""
+
+    def __init__(self, graph: Graph, fixed: dict[int, int], first: int, order: Order):
+        self._graph = graph
+        self._fixed = fixed
+        self._first = first
+        self._order = order
+        self._places: list[dict[int, int]] = []
+        self.rows: list[list[list[int]]] = []
+        self.outputs: list[list[int]] = []
+        self.size = first
+
+    def add(self, parts: Sequence[Sequence[int]], homes: Sequence[list[int]]) -> None:
+        """Allocate all parts, each with its operations and outputs."""
+        free: list[int] = []
+        for part, own in enumerate(homes):
+            later = [k for k in range(part + 1, len(homes)) if part in self._order.line(k)]
+            kept = {arg for k in later for node in homes[k] for arg in self._graph.nodes[node][1:]}
+            kept |= {node for k in (part, *later) for node in parts[k]}
+            self._places.append({})
+            free = self._allocate(part, own, kept, free)
+            self.outputs.append([self._place(part, node) for node in parts[part]])
+
+    def _place(self, part: int, node: int) -> int:
+        if node in self._fixed:
+            return self._fixed[node]
+        return next(self._places[one][node] for one in self._order.line(part) if node in self._places[one])
+
+    def _allocate(self, part: int, own: list[int], kept: set[int], free: list[int]) -> list[int]:
+        """Allocate the operations of a part; returns the registers that are free after it."""
+        nodes = self._graph.nodes
+        last = {arg: when for when, node in enumerate(own) for arg in nodes[node][1:]}
+        places = self._places[part]
+        rows: list[list[int]] = []
+        for when, node in enumerate(own):
+            kind, *args = nodes[node]
+            used = [self._place(part, arg) for arg in args]
+            ended = {arg for arg in args if last[arg] == when and arg in places and arg not in kept}
+            free = free + sorted((places[arg] for arg in ended), reverse=True)
+            if not free:
+                free = [self.size]
+                self.size += 1
+            places[node] = free.pop()
+            rows.append([CODES[kind], places[node], *used, *[0] * (3 - len(used))])
+        self.rows.append(rows)
+        return free
