@@ -265,6 +265,9 @@ class CorrectionSettings(Reductor["_Shared"]):
         snapshots = task.snapshots
         if full.equilibrium is None:
             raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
+        own = [group.law.name for group in equilibrium_of(full).material.groups if group.law and group.law.elastic]
+        if own:
+            raise ReductionError(f"the elasticity of {own[0]} is not isotropic: take training.build()")
         full.problem.require_whole()
         check_of_problem("snapshots", snapshots, full.problem)
         if snapshots is None or not snapshots.histories or snapshots.columns is not None:

@@ -167,9 +167,8 @@ class Update(NamedTuple):
 class Given(NamedTuple):
     """Numbers of a law at a point of the parameters."""
 
-    constants: (
-        np.ndarray
-    )  # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
+    # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
+    constants: np.ndarray
     elastic: np.ndarray  # C, (c, c): tangent at rest
     compliance: np.ndarray  # C^-1, (c, c)
 

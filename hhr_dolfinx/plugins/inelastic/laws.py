@@ -298,6 +298,7 @@ class Orthotropic(_Stated):
     shear_23: float | str
     frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
     limits: ClassVar = {f"{what}_{k}": POSITIVE for what in ("young", "shear") for k in (1, 2, 3, 12, 13, 23)}
+    elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
 
     def __post_init__(self) -> None:

@@ -5,14 +5,16 @@ import numpy as np
 import pytest
 from condensing import QUIET
 from mpi4py import MPI
+from points import WOOD
 from scenes import block_scene
 from test_plastic import bar
 from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 TIGHT = hhr.MarchSettings("tangent", 1e-10, 1e-9, 1e-12, outside="ignore")
 
@@ -98,3 +100,23 @@ def test_fields_that_cannot_be_are_refused(text, said):
     scene = tube(hhr.Plasticity(text), 1.0, cells=4)
     with pytest.raises(SceneError, match=said):
         hhr.FullOrderModel(scene)
+
+
+def test_a_block_of_wood_is_as_stiff_as_its_law():
+    """Pulled along its third axis, which the frame turns into the second of the mesh; it is not condensed."""
+    wood = hhr.Orthotropic(*WOOD, frame=((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
+    sides = [hhr.Displacement(block.side(axis, upper=False), axis) for axis in range(3)]
+    pulled = hhr.Displacement(block.side(1, upper=True), 1, hhr.Amplitude(slopes={"pull": 1.0}))
+    scene = block_scene(
+        "wood", {"pull": (0.0, 0.1)}, lower=(0, 0, 0), upper=(1, 1, 1), cells=(1, 2, 1), hypothesis="solid",
+        bodies=(hhr.Body(block.SOLID, 1e3, 0.3, wood),), displacements=(*sides, pulled),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0, 0), 2.0),),
+    )  # fmt: skip
+    full = hhr.FullOrderModel(scene)
+    history = full.march([(0.0, np.zeros(1)), (1.0, np.array([0.1]))], TIGHT)
+    stress = history.answers[-1].stress()
+    assert stress[:, 1] == pytest.approx(WOOD[2] * 0.1, rel=1e-9)
+    assert np.abs(np.delete(stress, 1, axis=1)).max() < 1e-9 * WOOD[2]
+    assert not history.answers[-1].plastic_strain().any()
+    with pytest.raises(ReductionError, match="elasticity of Orthotropic is not isotropic"):
+        hhr.build(full, hhr.SnapshotSet.of_histories([history]), CorrectionSettings())
