@@ -18,6 +18,8 @@ from typing import NamedTuple
 import ufl
 from ufl.core.expr import Expr
 
+from hhr_dolfinx.errors import SceneError
+
 _NOTHING: Mapping[str, Expr] = MappingProxyType({})
 
 
@@ -327,6 +329,8 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
 def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
     """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors in the mesh."""
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)][:size]
+    if size == 4 and max(abs(frame[2][0]), abs(frame[2][1])) > 1e-9:
+        raise SceneError(f"the frame {frame} turns the axis across the plane: its third vector must be (0, 0, 1)")
 
     def entry(one: tuple[int, int], other: tuple[int, int]) -> float:
         i, j = one
@@ -386,14 +390,17 @@ def lemaitre(at: At) -> Stated:
     return Stated((1 - damage) * whole, memory, [left], over, limit=rising, reason="its stress falls as strain grows")
 
 
-def heated(at: At, law: Callable[[At], Stated]) -> Stated:
-    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ contains it."""
-    c = at.constants
-    grown = c.expansion * (c.temperature - c.reference)
+def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
+    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ contains it.
+
+    ``names`` are those of the constants α, T and T0, ``kept`` that of the memory.
+    """
+    expansion, temperature, reference = (getattr(at.constants, name) for name in names)
+    grown = expansion * (temperature - reference)
     old = SimpleNamespace(**vars(at.old))
-    old.inelastic = at.old.inelastic - at.old.swelling * unit(at.strain)
+    old.inelastic = at.old.inelastic - getattr(at.old, kept) * unit(at.strain)
     found = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
-    return found._replace(memory={**found.memory, "swelling": grown})
+    return found._replace(memory={**found.memory, kept: grown})
 
 
 def thin(at: At, law: Callable[[At], Stated]) -> Stated:

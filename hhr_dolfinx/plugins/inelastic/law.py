@@ -115,8 +115,17 @@ class Law:
         named = [item.name for item in fields(self) if _is_constant(item.type)]  # type: ignore[arg-type]
         return {name: getattr(self, name) for name in named}
 
+    def __init_subclass__(cls) -> None:
+        """Refuse constants with names that a law has already, with a SceneError."""
+        clash = sorted({"name", "formulas", "constants", *_ELASTIC} & set(vars(cls).get("__annotations__", {})))
+        if clash:
+            raise SceneError(f"the law {cls.__name__} has a field {clash[0]!r}: give it another name")
+
     def __post_init__(self) -> None:
-        """Refuse numbers outside their limits, with a SceneError."""
+        """Refuse numbers outside their limits, and limits of other constants, with a SceneError."""
+        unknown = sorted(set(self.limits) - set(self.constants()))
+        if unknown:
+            raise SceneError(f"{self.name} limits {unknown[0]!r}, and has the constants {sorted(self.constants())}")
         for name, value in self.constants().items():
             if isinstance(value, str):
                 from hhr_dolfinx.formulas import formula_of
@@ -319,6 +328,11 @@ class LawProgram(Rebuilt):
         raise ConvergenceError(f"{self.name} has no answer {place}: {why}")
 
 
+def law_sizes(declared: Mapping[str, int], strains: int) -> dict[str, int]:
+    """Numbers of components by name, those of the strain for tensors."""
+    return {name: size or strains for name, size in declared.items()}
+
+
 def program_of(law: Law, strains: int) -> LawProgram:
     """A law as data for strains of 4 or 6 components, or F of 9; SceneError for what programs cannot state."""
     made = _Made(law, strains)
@@ -351,6 +365,12 @@ class _Made:
 
         self.graph: Graph = Graph()
         self.law = law
+        declared = [*law.memory.values(), *law.unknowns.values()]
+        if set(law.memory) & set(STANDARD) or not all(type(size) is int and size >= 0 for size in declared):
+            raise SceneError(
+                f"{law.name} declares the memory {dict(law.memory)} and the unknowns {dict(law.unknowns)}: sizes are "
+                f"NUMBER, TENSOR or whole numbers, and {STANDARD} are those of each law"
+            )
         groups: dict[str, dict[str, int]] = {
             "y": {name: size or strains for name, size in law.unknowns.items()},
             "old": {name: size or strains for name, size in {**_OF_ALL, **law.memory}.items()},
@@ -373,8 +393,36 @@ class _Made:
                 first += size
             spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
         at = At(found["strain"], spaces["y"], spaces["old"], found["dt"], spaces["constant"])
-        self.stated = law.statement(at)
+        self.stated = self._stated(at)
         self._of = lambda expression: nodes_of(self.graph, expression, table)
+
+    def _stated(self, at: At) -> Stated:
+        """The statement of the law; SceneError for anything else, with what it must be."""
+        from hhr_dolfinx.forms.laws import Stated
+
+        law = self.law
+        try:
+            found: Any = law.statement(at)
+        except SceneError:
+            raise
+        except AttributeError as error:
+            raise SceneError(
+                f"the statement of {law.name} fails: {error}. Its constants are {sorted(law.constants())}, fields that "
+                f"are declared float or float | str; its unknowns {list(law.unknowns)}; its memory {list(law.memory)}"
+            ) from error
+        except Exception as error:  # code of anybody
+            raise SceneError(
+                f"the statement of {law.name} fails with {type(error).__name__}: {error}. State it by functions of UFL, "
+                "ufl.sqrt for math.sqrt"
+            ) from error
+        if not isinstance(found, Stated):
+            raise SceneError(f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws")
+        wrong = sorted((set(found.start) | set(found.rest)) - set(law.unknowns))
+        if wrong:
+            raise SceneError(f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns {list(law.unknowns)}")
+        if (found.limit is None) != (not found.reason):
+            raise SceneError(f"{law.name} states a limit without a reason, or a reason without a limit: give both")
+        return found
 
     def _nodes(self, kind: str, first: int, size: int) -> list[int]:
         return [self.graph.input(kind, first + place) for place in range(size)]
@@ -401,6 +449,9 @@ class _Made:
             )
         same = self._nodes("old", len(strain), 1)
         grown = self._of(stated.memory["cumulated"]) if "cumulated" in stated.memory else same
+        for name, size in law_sizes(self.law.memory, len(strain)).items():
+            if len(self._of(stated.memory[name])) != size:
+                raise SceneError(f"{self.law.name} declares {name} with {size} components, and states another number")
         after = [*stress, *grown, *(node for name in self.law.memory for node in self._of(stated.memory[name]))]
         after += [] if stated.limit is None else self._of(stated.limit)
         left = [node for part in stated.residual for node in self._of(part)]

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic.law import AT_LEAST_ONE, NOT_NEGATIVE, NUMBER, POSITIVE, TENSOR, Law
 
@@ -94,7 +96,12 @@ class TabulatedHardening(_Stated):
     stated: ClassVar = "tabulated"
 
     def __post_init__(self) -> None:
-        places, heights = zip(*self.points, strict=True) if self.points else ((), ())
+        try:
+            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T.tolist()
+        except (TypeError, ValueError):
+            raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
+        if not np.isfinite([places, heights]).all():
+            raise SceneError(f"the table {self.points} must hold finite numbers")
         grows = all(one < other for one, other in pairwise(places))
         falls = any(one > other for one, other in pairwise(heights))
         if not (len(places) > 1 and places[0] == 0 and heights[0] > 0 and grows) or falls:
@@ -123,6 +130,14 @@ class Chaboche(_Stated):
     rate: float | str = 1.0
     unknowns: ClassVar = _AMOUNT
     stated: ClassVar = "chaboche"
+
+    def __post_init__(self) -> None:
+        pairs = isinstance(self.backs, tuple) and all(isinstance(b, tuple) and len(b) == 2 for b in self.backs)
+        if not pairs:
+            raise SceneError(
+                f"backs = {self.backs!r} of Chaboche must hold pairs of modulus and recall: ((60e3, 600.0),)"
+            )
+        super().__post_init__()
 
     @property
     def memory(self) -> Mapping[str, int]:  # type: ignore[override]
@@ -264,7 +279,7 @@ class Hill(_Stated):
     n: float | str
     frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
     unknowns: ClassVar = {"ratio": NUMBER}
-    limits: ClassVar = {**_YIELD, "l": POSITIVE, "m": POSITIVE, "n": POSITIVE}
+    limits: ClassVar = {**_YIELD, **dict.fromkeys("fghlmn", POSITIVE)}
     stated: ClassVar = "hill"
 
     def __post_init__(self) -> None:
@@ -297,7 +312,7 @@ class Orthotropic(_Stated):
     shear_13: float | str
     shear_23: float | str
     frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
-    limits: ClassVar = {f"{what}_{k}": POSITIVE for what in ("young", "shear") for k in (1, 2, 3, 12, 13, 23)}
+    limits: ClassVar = dict.fromkeys(("young_1", "young_2", "young_3", "shear_12", "shear_13", "shear_23"), POSITIVE)
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
 
@@ -350,6 +365,20 @@ class Lemaitre(_Stated):
     stated: ClassVar = "lemaitre"
 
 
+class _Elastic(Law):
+    """Hooke's law."""
+
+    def constants(self) -> dict[str, float | str]:
+        """See :class:`Law`."""
+        return {}
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        from hhr_dolfinx.forms.laws import Stated, hooke
+
+        return Stated(hooke(at.strain, at.constants))
+
+
 @dataclass(frozen=True)
 class Heated(Law):
     """Another law, of the strain without α (T - T0) 1.
@@ -360,35 +389,66 @@ class Heated(Law):
         temperature, reference: T and T0.
     """
 
-    law: Law
+    law: Law | None
     expansion: float | str
     temperature: float | str
     reference: float | str = 0.0
 
+    def __post_init__(self) -> None:
+        if not (self.law is None or isinstance(self.law, Law)):
+            raise SceneError(f"{self.law!r} is no law: give hhr.Heated a law, or None for elasticity")
+        super().__post_init__()
+
+    @property
+    def _inner(self) -> Law:
+        return _Elastic() if self.law is None else self.law
+
     @property
     def memory(self) -> Mapping[str, int]:  # type: ignore[override]
         """See :class:`Law`."""
-        return {**self.law.memory, "swelling": NUMBER}
+        return {**self._inner.memory, self._kept: NUMBER}
 
     @property
     def unknowns(self) -> Mapping[str, int]:  # type: ignore[override]
         """See :class:`Law`."""
-        return self.law.unknowns
+        return self._inner.unknowns
 
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
         """See :class:`Law`."""
-        return self.law.limits
+        return self._inner.limits
+
+    @property
+    def elastic(self) -> bool:  # type: ignore[override]
+        """See :class:`Law`."""
+        return self._inner.elastic
+
+    @property
+    def _own(self) -> dict[str, str]:
+        """Names of its constants by field: others than those of the law, which may have a temperature too."""
+        known = self._inner.constants()
+        return {name: _unused(name, known) for name in ("expansion", "temperature", "reference")}
+
+    @property
+    def _kept(self) -> str:
+        return _unused("swelling", self._inner.memory)
 
     def constants(self) -> dict[str, float | str]:
         """See :class:`Law`."""
-        return super().constants() | self.law.constants()
+        return self._inner.constants() | {name: getattr(self, field) for field, name in self._own.items()}
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
         from hhr_dolfinx.forms.laws import heated
 
-        return heated(at, self.law.statement)
+        return heated(at, self._inner.statement, tuple(self._own.values()), self._kept)
+
+
+def _unused(name: str, known: Mapping[str, object]) -> str:
+    """A name that is not known, by ``_of_heat`` as often as necessary."""
+    while name in known:
+        name += "_of_heat"
+    return name
 
 
 @dataclass(frozen=True)
@@ -411,7 +471,10 @@ class MooneyRivlin(_Stated):
 
 def check_frame(frame: tuple[tuple[float, float, float], ...]) -> None:
     """Raise SceneError unless three rows are orthogonal unit vectors."""
-    products = [[sum(x * y for x, y in zip(one, other, strict=True)) for other in frame] for one in frame]
-    right = len(frame) == 3 and all(abs(products[i][j] - (i == j)) < 1e-9 for i in range(3) for j in range(3))
+    try:
+        rows = np.array(frame, dtype=float)
+        right = rows.shape == (3, 3) and bool(np.abs(rows @ rows.T - np.eye(3)).max() < 1e-9)
+    except (TypeError, ValueError):
+        right = False
     if not right:
-        raise SceneError(f"the frame {frame} must be three orthogonal unit vectors, as rows")
+        raise SceneError(f"the frame {frame!r} must be three orthogonal unit vectors, as rows")

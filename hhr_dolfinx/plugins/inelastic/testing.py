@@ -14,7 +14,6 @@ from hhr_dolfinx.testing import OF_FUNCTIONS, OTHER_IN_A_FILE, blaming, from_fil
 WRONG = {
     "file": OTHER_IN_A_FILE,
     "idle": "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units",
-    "rest": "it has a stress of {:.3g} without strain: state the stress by the strain less the inelastic one",
     "energy": "it gives back {:.3g} of the energy that a path put in: its inelastic strain goes against the stress",
     "tangent": "its stress jumps, so that differences give {:.6g} and its tangent {:.6g}: state it continuously",
     "softens": "its stress falls as strain grows, by {:.3g} of E: leave softening out, it depends on the mesh",
@@ -36,8 +35,6 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     old = material.at_rest()
     before = np.zeros((POINTS, 4))
     work = np.zeros(POINTS)
-    idle = material.update(before, old, dt, tangent=False).stress
-    require(np.abs(idle).max() <= 1e-9 * young * strain, WRONG["rest"], np.abs(idle).max())
     random = np.random.default_rng(0)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)

@@ -16,8 +16,15 @@ def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
     import basix.ufl
     import ufl
 
+    class Symbol(ufl.Constant):
+        """A constant without a value, which UFL would look for without end."""
+
+        def evaluate(self, *_: object) -> float:
+            """Refuse functions of numbers."""
+            raise SceneError("a function of numbers meets a symbol: take that of ufl, ufl.sqrt for math.sqrt")
+
     mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
-    return {name: ufl.Constant(mesh, shape=shape) for name, shape in shapes.items()}
+    return {name: Symbol(mesh, shape=shape) for name, shape in shapes.items()}
 
 
 def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> list[int]:

@@ -121,7 +121,6 @@ CHANGES = {
     "back": (lambda stiff: -0.4, "gives back .* of the energy"),
     "softening": (lambda stiff: 1.1, r"stress falls as strain grows, by 0\.\d+ of E"),
     "never": (lambda stiff: 0.0, "nothing flows under strains of 0.02 with young = 200"),
-    "at rest": (None, "a stress of 0.1 without strain"),
 }
 """Share of the return to a yield stress of 1 that a law makes."""
 
@@ -139,8 +138,6 @@ def broken(name):
 
             from hhr_dolfinx.forms.laws import Stated, closed, deviator, equivalent, hooke, trace, unit
 
-            if share is None:
-                return Stated(hooke(at.strain - at.old.inelastic, at.constants) + 0.1 * unit(at.strain))
             if name == "never":
                 return closed(at, lambda trial, stiff: 0 * trial)
             rest = hooke(deviator(at.strain - at.old.inelastic), at.constants)

@@ -1,10 +1,11 @@
 """Laws of bodies at one point: closed forms, tangents, random steps, files, and mistakes."""
 
 import json
+import math
 import re
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -281,6 +282,32 @@ def test_heat_strains_without_stress_and_is_not_taken_for_flow():
         assert held.step({0: strain}) == pytest.approx(plain.step({0: strain - 2.8e-3}), abs=1e-6)
 
 
+@pytest.mark.parametrize("name", ["Arrhenius", "heated", "orthotropic", None])
+def test_heat_around_a_law_that_has_a_temperature_too_keeps_both(name):
+    """Held, the stress is that of the law at the strain without heat; names of the law are its own."""
+    inner = LAWS[name] if name else hhr.Plasticity(1e9)
+    law = hhr.Heated(LAWS[name] if name else None, 2e-5, 150.0, 50.0)
+    assert len(law.constants()) == len(inner.constants() if name else {}) + 3
+    held, plain = Point(law), Point(inner)
+    shift = 2e-3 * np.array([1, 1, 1, 0, 0, 0])
+    for strain in (np.zeros(6), np.array([1e-3, -5e-4, 0, 8e-4, 0, 0]), np.array([-1e-3, 5e-4, 0, 8e-4, 0, 0])):
+        one, other = held.after(strain, 1e-2), plain.after(strain - shift, 1e-2)
+        assert one.stress == pytest.approx(other.stress, rel=1e-9, abs=1e-7)
+        assert one.state.cumulated == pytest.approx(other.state.cumulated, rel=1e-9)
+        held.state, plain.state = one.state, other.state
+
+
+@pytest.mark.parametrize("name", ["Hill", "orthotropic"])
+def test_frames_in_the_plane_turn_about_its_normal(name):
+    """Those that do not are refused there, and are right in space."""
+    tilted = ((1.0, 0.0, 0.0), (0.0, 0.6, 0.8), (0.0, -0.8, 0.6))
+    with pytest.raises(SceneError, match=r"its third vector must be \(0, 0, 1\)"):
+        program_of(replace(LAWS[name], frame=tilted), 4)
+    plane, solid = Point(LAWS[name], 4), Point(LAWS[name], 6)
+    strain = np.array([0.01, -0.004, 0.001, 0.005])
+    assert plane.after(strain).stress[0] == pytest.approx(solid.after([*strain, 0, 0]).stress[0, :4], rel=1e-9)
+
+
 class Plane(Law):
     """Another law in plane stress."""
 
@@ -430,6 +457,12 @@ class Wrong(Law):
             "stress": lambda: forms.Stated(stress[0], kept, [at.unknown.amount]),
             "memory": lambda: forms.Stated(stress, {"damaged": at.old.damage}, [at.unknown.amount]),
             "residual": lambda: forms.Stated(stress, kept),
+            "none": lambda: None,
+            "undeclared": lambda: forms.Stated(stress * at.constants.strength, kept, [at.unknown.amount]),
+            "number": lambda: forms.Stated(math.sqrt(at.constants.modulus + 1) * stress, kept, [at.unknown.amount]),
+            "start": lambda: forms.Stated(stress, kept, [at.unknown.amount], start={"amnt": 1.0}),
+            "limit": lambda: forms.Stated(stress, kept, [at.unknown.amount], limit=at.dt),
+            "memory size": lambda: forms.Stated(stress, {"damage": at.strain}, [at.unknown.amount]),
             "operation": lambda: forms.Stated(ufl.bessel_J(1, at.strain[0]) * stress, kept, [at.unknown.amount]),
         }[self.mistake]()
 
@@ -437,7 +470,11 @@ class Wrong(Law):
 @pytest.mark.parametrize(
     ("mistake", "said"),
     [("stress", "a stress of 1 components for 6"), ("memory", r"a memory \['damaged'\]"),
-     ("residual", "1 unknowns and 0 residuals"), ("operation", "BesselJ is no operation of a program")],
+     ("residual", "1 unknowns and 0 residuals"), ("none", "returns None: return a Stated"),
+     ("undeclared", r"no attribute 'strength'. Its constants are \['modulus'\], fields that are declared float"),
+     ("number", "State it by functions of UFL, ufl.sqrt for math"), ("start", r"'amnt', and has the unknowns \['amount'\]"),
+     ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and states another number"),
+     ("operation", "BesselJ is no operation of a program")],
 )  # fmt: skip
 def test_a_law_with_a_mistake_is_refused_by_name(mistake, said):
     with pytest.raises(SceneError, match=said):
@@ -450,11 +487,24 @@ def test_a_law_with_a_mistake_is_refused_by_name(mistake, said):
      (hhr.Plasticity, ("sy", -1.0)), (hhr.Norton, ("K", 0.5)), (hhr.Norton, ("K", None)), (hhr.Plasticity, ([80],)),
      (hhr.Plasticity, (80.0, None)), (hhr.Plasticity, (0.0,)), (hhr.Norton, (0.0, 4.0)), (hhr.Norton, (np.nan, 4.0)),
      (hhr.Chaboche, (200.0, ((1e3, -1.0),))), (hhr.TabulatedHardening, (((0, 250.0), (0.1, 240.0)),)),
-     (hhr.Hill, (250.0, 0.0, *[0.5] * 3, *[1.5] * 3, ((1, 0, 0), (1, 1, 0), (0, 0, 1))))],
+     (hhr.Hill, (250.0, 0.0, *[0.5] * 3, *[1.5] * 3, ((1, 0, 0), (1, 1, 0), (0, 0, 1)))),
+     (hhr.Hill, (250.0, 0.0, *[0.5] * 3, *[1.5] * 3, None)), (hhr.Hill, (250.0, 0.0, 0.0, *[0.5] * 2, *[1.5] * 3)),
+     (hhr.TabulatedHardening, ((0.0, 2.0),)), (hhr.TabulatedHardening, (((0.0, 1.0), (np.inf, 2.0)),)),
+     (hhr.Chaboche, (2.0, ((60.0,),))), (hhr.Chaboche, (2.0, None)), (hhr.Heated, ("Plasticity", 1e-5, 300.0))],
 )  # fmt: skip
 def test_constants_outside_their_limits_are_refused_where_they_are_written(kind, values):
-    with pytest.raises(SceneError, match=r"formula|must be (above|at least|a number)|does not fall|orthogonal"):
+    with pytest.raises(SceneError, match=r"formula|must (be|hold)|does not fall|orthogonal|needs pairs|is no law"):
         kind(*values)
+
+
+def test_names_that_each_law_has_and_limits_of_others_are_refused():
+    with pytest.raises(SceneError, match="has a field 'name': give it another name"):
+        type("Named", (Law,), {"__annotations__": {"name": "float"}})
+    limited = dataclass(frozen=True)(
+        type("Limited", (Law,), {"__annotations__": {"y": "float"}, "limits": {"yy": (0, 1)}})
+    )
+    with pytest.raises(SceneError, match=r"limits 'yy', and has the constants \['y'\]"):
+        limited(1.0)
 
 
 def test_a_step_without_an_answer_is_said_and_not_a_strain_that_is_no_number():
