@@ -412,8 +412,8 @@ class _Made:
             ) from error
         except Exception as error:  # code of anybody
             raise SceneError(
-                f"the statement of {law.name} fails with {type(error).__name__}: {error}. State it by functions of UFL, "
-                "ufl.sqrt for math.sqrt"
+                f"the statement of {law.name} fails with {type(error).__name__}: {error}. State it by functions of "
+                "UFL, ufl.sqrt for math.sqrt"
             ) from error
         if not isinstance(found, Stated):
             raise SceneError(f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws")

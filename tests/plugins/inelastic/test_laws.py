@@ -472,7 +472,7 @@ class Wrong(Law):
     [("stress", "a stress of 1 components for 6"), ("memory", r"a memory \['damaged'\]"),
      ("residual", "1 unknowns and 0 residuals"), ("none", "returns None: return a Stated"),
      ("undeclared", r"no attribute 'strength'. Its constants are \['modulus'\], fields that are declared float"),
-     ("number", "State it by functions of UFL, ufl.sqrt for math"), ("start", r"'amnt', and has the unknowns \['amount'\]"),
+     ("number", "State it by functions of UFL"), ("start", r"'amnt', and has the unknowns \['amount'\]"),
      ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and states another number"),
      ("operation", "BesselJ is no operation of a program")],
 )  # fmt: skip
