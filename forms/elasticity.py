@@ -49,14 +49,18 @@ def kelvin(e: Expr, hypothesis: str) -> Expr:
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
 
 
+def lame_of(young: float | Expr, poisson: float | Expr) -> tuple[Expr, Expr]:
+    """Lamé parameters (λ, μ) of symbols."""
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
 def stress(u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
 
     Moduli may be constants of a form: their values are not compiled in, so that new values need no compilation.
     """
     if isinstance(young, Expr) or isinstance(poisson, Expr):
-        lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
-        mu = young / (2 * (1 + poisson))
+        lam, mu = lame_of(young, poisson)
     else:
         lam, mu = lame_parameters(young, poisson)
     e = strain(u, hypothesis, poisson)

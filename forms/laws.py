@@ -19,6 +19,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms.elasticity import lame_of
 
 _NOTHING: Mapping[str, Expr] = MappingProxyType({})
 
@@ -69,9 +70,7 @@ def equivalent(tensor: Expr) -> Expr:
 
 def lame(constants: SimpleNamespace) -> tuple[Expr, Expr]:
     """λ and μ from E and ν."""
-    young = constants.young
-    poisson = constants.poisson
-    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+    return lame_of(constants.young, constants.poisson)
 
 
 def hooke(strain: Expr, constants: SimpleNamespace) -> Expr:
@@ -216,12 +215,7 @@ def norton(at: At) -> Stated:
 def arrhenius(at: At) -> Stated:
     """Norton's creep with the rate at a temperature T in K: times exp(-Q/R (1/T - 1/T0))."""
     c = at.constants
-    pace = at.dt * ufl.exp(-c.activation * (1 / c.temperature - 1 / c.reference))
-    return creep(
-        at,
-        lambda q: pace * (q / c.resistance) ** c.exponent,
-        lambda amount: c.resistance * (amount / pace) ** (1 / c.exponent),
-    )
+    return norton(at._replace(dt=at.dt * ufl.exp(-c.activation * (1 / c.temperature - 1 / c.reference))))
 
 
 def primary_creep(at: At) -> Stated:

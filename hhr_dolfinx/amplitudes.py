@@ -321,7 +321,7 @@ class Limits:
 
     def check_many(self, points: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
-        if len(points) == 1:  # a tenth of the time, which forces of one answer would feel
+        if len(points) == 1:  # quicker: forces of one answer ask for it
             return self.check(points[0])
         low, high = self.ends
         values = self.scalar.values(points)

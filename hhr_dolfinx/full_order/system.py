@@ -171,7 +171,7 @@ class ConstantSystem(_OfParts):
     def answer(
         self, point: np.ndarray, start: np.ndarray | None, pairs: Pairs | None, fields: ModelFields, gradient: bool
     ) -> Answer:
-        """See :class:`System`; written out where possible, since values of a point take an eighth of a small query."""
+        """See :class:`System`; written out where possible: values of a point would take long beside a small query."""
         problem = self.problem
         if gradient or problem.kernel is not None or not problem.spread.all_here:
             return super().answer(point, start, pairs, fields, gradient)

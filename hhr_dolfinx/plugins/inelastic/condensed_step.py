@@ -347,15 +347,14 @@ def _evaluate(ends, load, laws, work, tangent):
         end = ends[group]
         count = end - start
         law = laws.numbers[group]
+        if law < 0:  # its memory and slopes stay 0
+            start = end
+            continue
         strain = np.empty((components, count))
         stress = np.empty((components, count))
         for i in range(components):
             for k in range(count):
                 strain[i, k] = work.strain[i * points + start + k]
-        if law < 0:
-            _store_elastic(work, start, end)
-            start = end
-            continue
         own = laws.code.sizes[law, MEMORY]
         old = np.empty((own, count))
         new = np.empty((own, count))
@@ -386,19 +385,6 @@ def _evaluate(ends, load, laws, work, tangent):
 
 
 @compiled(inner=True)
-def _store_elastic(work, start, end):
-    """No inelastic strain, and no slopes of it."""
-    components = work.stress.shape[0]
-    for k in range(start, end):
-        work.result[k] = 0
-        for i in range(work.memory.shape[0]):
-            work.memory[i, k] = 0.0
-        for i in range(components):
-            for j in range(components):
-                work.slopes[i, j, k] = 0.0
-
-
-@compiled(inner=True)
 def _store_slopes(slopes, tangents, compliance, start):
     """1 - C^-1 H at the points of a group."""
     components, _, count = tangents.shape
@@ -411,6 +397,16 @@ def _store_slopes(slopes, tangents, compliance, start):
                 if share != 0.0:
                     for k in range(count):
                         slopes[i, j, start + k] -= share * tangents[m, j, k]
+
+
+@compiled(inner=True)
+def _flows(memory, old, components):
+    """True if the inelastic strain of any point changes in the step."""
+    for i in range(components):
+        for k in range(memory.shape[1]):
+            if memory[i, k] != old[i, k]:
+                return True
+    return False
 
 
 @compiled(inner=True)
@@ -636,7 +632,7 @@ def _linearise(model, load, work, laws):
     for i in range(ell):
         for j in range(ell):
             jacobian[i, j] += model.modal[i, j]
-    if _norm(work.memory[work.stress.shape[0]]) > 0:
+    if _flows(work.memory, load.memory, work.stress.shape[0]):
         _evaluate(model.ends, load, laws, work, True)
         _add_flowing(model, work, responses, jacobian)
     found = _inverse_of(jacobian)

@@ -256,7 +256,7 @@ class LawProgram(Rebuilt):
     @property
     def coded(self) -> tuple[Program, list[int], np.ndarray]:
         """Program, sizes and kinds of unknowns for :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`."""
-        sizes = [self.strains, len(self.kinds), int(self.sizes.sum()), 2 + len(self.constants)]
+        sizes = [self.strains, len(self.kinds), self.remembered, 2 + len(self.constants)]
         return self.program, [*sizes, self.program.registers, int(bool(self.reason))], self.kinds
 
     @cached_property
@@ -343,8 +343,8 @@ def program_of(law: Law, strains: int) -> LawProgram:
         made.program(),
         strains,
         (*STANDARD, *law.memory),
-        np.array([strains, 1, *(size or strains for size in law.memory.values())], dtype=np.int64),
-        np.repeat(np.arange(len(law.unknowns)), [size or strains for size in law.unknowns.values()]).astype(np.int64),
+        np.array(list(law_sizes({**_OF_ALL, **law.memory}, strains).values()), dtype=np.int64),
+        np.repeat(np.arange(len(law.unknowns)), list(law_sizes(law.unknowns, strains).values())).astype(np.int64),
         tuple(named),
         tuple(value if isinstance(value, str) else float(value) for value in named.values()),
         np.nan_to_num([low for low, _ in limits]).astype(float),  # files hold no infinite numbers
@@ -372,8 +372,8 @@ class _Made:
                 f"NUMBER, TENSOR or whole numbers, and {STANDARD} are those of each law"
             )
         groups: dict[str, dict[str, int]] = {
-            "y": {name: size or strains for name, size in law.unknowns.items()},
-            "old": {name: size or strains for name, size in {**_OF_ALL, **law.memory}.items()},
+            "y": law_sizes(law.unknowns, strains),
+            "old": law_sizes({**_OF_ALL, **law.memory}, strains),
             "constant": dict.fromkeys((*_ELASTIC, *law.constants()), 1),
         }
         counts = {kind: sum(sizes.values()) for kind, sizes in groups.items()}
@@ -429,7 +429,7 @@ class _Made:
 
     def _initial(self, given: Mapping[str, Any]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
-        sizes = {name: size or self.inputs["strain"] for name, size in self.law.unknowns.items()}
+        sizes = law_sizes(self.law.unknowns, self.inputs["strain"])
         zero = self.graph.const(0)
         found = (self._of(given[name]) if name in given else [zero] * size for name, size in sizes.items())
         return [node for nodes in found for node in nodes]

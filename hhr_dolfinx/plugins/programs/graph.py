@@ -1,7 +1,6 @@
 """Graph of scalar operations: each node once, constants folded, derivatives in the graph itself.
 
-Measured on laws of materials: derivatives in this graph take a tenth to a thirtieth of the time of those of UFL, and
-up to half of the operations.
+Derivatives are taken in the graph, which is quicker than in UFL and shares operations with the value.
 """
 
 from __future__ import annotations
@@ -234,31 +233,3 @@ class Graph:
             ("atan2", 1): lambda: do("neg", do("div", a, do("add", do("mul", a, a), do("mul", b, b)))),
         }
         return rules[kind, number]()
-
-    def gradient(self, node: int, inputs: Sequence[int]) -> list[int]:
-        """Derivatives of one node by many inputs: backwards, with few operations. For energies, without ``select``."""
-        bar = {node: self.const(1)}
-        for place in reversed(self.needed([node])):
-            kind, *args = self.nodes[place]
-            if place not in bar or kind in ("const", "input") or kind in _STEPS:
-                continue
-            for number, arg in enumerate(args):
-                if kind == "select" and number == 0:
-                    continue
-                part = self._pulled(kind, number, place, args, bar[place])
-                bar[arg] = self.apply("add", bar[arg], part) if arg in bar else part
-        return [bar.get(one, self.const(0)) for one in inputs]
-
-    def _pulled(self, kind: str, number: int, place: int, args: list[int], weight: int) -> int:
-        """Weight of an operand, from the weight of the operation."""
-        do = self.apply
-        zero = self.const(0)
-        if kind in ("add", "sub", "neg"):
-            return do("neg", weight) if kind == "neg" or (kind == "sub" and number) else weight
-        if kind == "select":
-            return do("select", args[0], *((weight, zero) if number == 1 else (zero, weight)))
-        if kind in ("max", "min"):
-            less = do("lt", *args)
-            first = (number == 0) == (kind == "min")
-            return do("select", less, *((weight, zero) if first else (zero, weight)))
-        return do("mul", weight, self._slope(kind, number, place, args))

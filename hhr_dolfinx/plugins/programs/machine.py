@@ -19,7 +19,7 @@ LT, LE, EQ, AND, OR, NOT, SELECT = (CODES[name] for name in ("lt", "le", "eq", "
 
 @compiled(inner=True, error_model="numpy")
 def _power(base: float, exponent: float) -> float:
-    """base**exponent, by products if the exponent is a small whole number: ten times as fast."""
+    """base**exponent, by products, which are quicker, if the exponent is a small whole number."""
     if exponent != np.floor(exponent) or not 0 <= exponent <= LARGEST_POWER:
         return base**exponent
     result = 1.0
@@ -78,10 +78,7 @@ def _rare(code: int, x: float, y: float) -> float:
 
 @compiled(inner=True, error_model="numpy")
 def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
-    """Execute rows of a program on registers, (registers, points), whose inputs and numbers are set.
-
-    Entries are addressed by two indices, as views of rows would be counted: that takes as long as the operations.
-    """
+    """Execute rows of a program on registers, (registers, points), whose inputs and numbers are set."""
     count = work.shape[1]
     for row in range(start, end):
         code = rows[row, 0]

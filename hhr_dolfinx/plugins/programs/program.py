@@ -175,7 +175,6 @@ class _Registers:
     def __init__(self, graph: Graph, fixed: dict[int, int], first: int, order: Order):
         self._graph = graph
         self._fixed = fixed
-        self._first = first
         self._order = order
         self._places: list[dict[int, int]] = []
         self.rows: list[list[list[int]]] = []

@@ -533,10 +533,20 @@ int main(void) {{
 
 @needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
+    """By its answers: a law of a user may have the same name."""
+    from hhr_dolfinx.forms.laws import closed
+    from hhr_dolfinx.plugins.inelastic.law import program_of
+
     model = copy.copy(flowing("outputs")[0])
-    model.flow = SimpleNamespace(groups=[SimpleNamespace(law=hhr.Norton(1.0, 2.0), coordinates=())])
-    with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
-        c_header.c_header(model, "press")
+
+    def statement(self, at):
+        return closed(at, lambda trial, stiff: at.old.cumulated + trial / (2 * stiff))
+
+    namesake = type("Plasticity", (hhr.Plasticity,), {"statement": statement})
+    for law in (hhr.Norton(1.0, 2.0), namesake(1.0, 2.0)):
+        model.flow = SimpleNamespace(groups=[SimpleNamespace(law=program_of(law, 4), coordinates=())])
+        with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
+            c_header.c_header(model, "press")
 
 
 @compiled

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import laws
 import numpy as np
 import pytest
 import ufl
@@ -21,7 +22,7 @@ from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.forms import laws as forms
 from hhr_dolfinx.plain import as_plain
 from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, Law, State, program_of
-from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, LOCAL, REST, START, TRIAL
+from hhr_dolfinx.plugins.inelastic.local_solver import LOCAL, REST, START, TRIAL
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.machine import evaluated
 
@@ -32,50 +33,17 @@ def size(law):
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_no_random_step_fails_or_ends_in_a_false_answer(law):
-    """The residual is measured in the unknown, by a Newton step that nothing but the program of the residual takes.
-
-    From states that a first such step left; softening, which has no answer, is named instead.
-    """
-    program = program_of(law, size(law))
-    given = program.given(YOUNG, POISSON) if not law.finite else None
-    rng, count = np.random.default_rng(1), 400
-    for scale in (1e-4, 1e-3, 1e-2, 1e-1) if given else ():
-        for dt in (1e-3, 1.0, 1e3) if program.rated else (1.0,):
-            first, second = np.cumsum(rng.normal(size=(2, count, 6)) * scale, axis=0)
-            try:
-                old = program.update(first, at_rest(program, count), dt, given, tangent=False).state
-                found = program.update(second, old, dt, given, tangent=True)
-            except ConvergenceError as error:
-                assert program.reason and program.reason in str(error) and scale > 5e-3
-                continue
-            assert np.isfinite(found.stress).all()
-            assert (found.state.cumulated >= old.cumulated).all()
-            _check_unknowns(program, second, old, dt, given, found.stress)
+    """Of the benchmark, with fewer points; softening, which has no answer, is named instead."""
+    found = laws.measured(law, 300)
+    assert found["false_answers"] == 0 and 0 < found["tangent"] < 1e-6
+    assert found["failures"] == 0 or found["named"] == "its stress falls as strain grows"
 
 
-def _check_unknowns(program, strain, old, dt, given, stress):
-    """Newton's method at each point by itself, with numpy, from the start that the law states."""
-    if not len(program.kinds):
-        return
-    count = len(program.kinds)
-    values = np.vstack([old.inelastic.T, old.cumulated[None], old.memory.T])
-    rest = np.vstack([values, np.full((1, len(strain)), dt), np.repeat(given.constants, len(strain), axis=1)])
-
-    def inputs(unknown):
-        return np.vstack([strain.T, unknown, rest])
-
-    trial = evaluated(program.program, inputs(np.zeros((count, len(strain)))), TRIAL)
-    active = trial[0] > 0
-    unknown = evaluated(program.program, inputs(np.zeros((count, len(strain)))), TRIAL, START)
-    for _ in range(200):
-        found = evaluated(program.program, inputs(unknown), TRIAL, START, LOCAL)
-        slopes = found[count:].reshape(count, count, -1).transpose(2, 0, 1)
-        step = np.linalg.solve(slopes, found[:count].T[..., None])[..., 0].T
-        unknown = np.where(active, unknown - step, unknown)
-        if (np.abs(step[:, active]) <= 1e-13 * np.abs(unknown[:, active])).all():
-            break
-    there = evaluated(program.program, inputs(unknown), TRIAL, START, AFTER)[:6].T
-    assert stress[active] == pytest.approx(there[active], rel=1e-8, abs=1e-8 * np.abs(there).max())
+def test_closed_forms():
+    """Hardening and creep curves, triaxial compression; Armstrong and Frederick's is reached in 4000 steps."""
+    found = laws.closed_forms()
+    assert found.pop("Armstrong-Frederick") < 1e-6
+    assert len(found) == 9 and max(found.values()) < 1e-9
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
@@ -142,17 +110,12 @@ def test_newton_steps_at_a_point_are_quadratic():
     assert len(sizes) > 2 and (sizes[1:] < 2 * sizes[:-1] ** 2 + 1e-15).all()
 
 
-def test_back_stress_saturates_and_ratchets_by_armstrong_and_frederick():
-    """X after a pull is C/γ (1 - exp(-γ εp)); a cycle of stress about a mean adds ln(.)/γ to the strain.
+def test_back_stress_ratchets_by_armstrong_and_frederick():
+    """A cycle of stress about a mean adds ln(.)/γ to the strain.
 
     With perfect plasticity otherwise, X goes between m - a + σ0 and m + a - σ0 in each cycle, Lemaitre and Chaboche.
     """
     modulus, recall, strength = 60e3, 600.0, 200.0
-    point = Point(LAWS["Armstrong-Frederick"])
-    for strain in np.linspace(0, 0.02, 2001)[1:]:
-        stress = point.step({0: strain})
-    plastic = point.state.inelastic[0, 0]
-    assert stress[0] == pytest.approx(strength + modulus / recall * (1 - np.exp(-recall * plastic)), rel=2e-3)
     mean, wide, point = 20.0, 250.0, Point(LAWS["Armstrong-Frederick"])
     ends = []
     for cycle in range(3):
@@ -169,40 +132,18 @@ def test_back_stress_saturates_and_ratchets_by_armstrong_and_frederick():
     assert ends[2] - ends[1] == pytest.approx(up - down, rel=0.02)
 
 
-def test_isotropic_hardening_by_its_curve():
-    """Pulled to a plastic strain, the stress is that of the curve: Voce's, and the table's."""
-    curves = {
-        "Voce": lambda p: 250 + 200 * (1 - np.exp(-20 * p)),
-        "table": lambda p: np.interp(p, [0, 0.01, 0.1, 1], [250, 300, 350, 360]),
-    }
-    for name, curve in curves.items():
-        point = Point(LAWS[name])
-        for strain in (0.004, 0.03, 0.3):
-            stress = point.step({0: strain})
-            assert stress[0] == pytest.approx(curve(point.state.inelastic[0, 0]), rel=1e-9)
-            assert np.abs(stress[1:]).max() < 1e-7
-
-
 def test_creep_and_relaxation_by_their_curves():
-    """Norton at constant stress and at constant strain, hot, and primary creep, which has no error of time steps."""
-    point = Point(LAWS["Norton"])
-    point.step({}, 1e-9, {0: 300.0})
-    for _ in range(20):
-        point.step({}, 50.0, {0: 300.0})
-    assert point.state.inelastic[0, 0] == pytest.approx(1000 * (300 / 400) ** 8, rel=1e-6)
-    hot = Point(LAWS["Arrhenius"])
-    hot.step({}, 10.0, {0: 300.0})
-    assert hot.state.inelastic[0, 0] == pytest.approx(10 * (3 / 4) ** 8 * np.exp(-2e4 * (1 / 900 - 1 / 950)), rel=1e-9)
+    """Primary creep, which has no error of time steps, in unequal ones, and Norton's at a constant strain."""
     primary = Point(LAWS["primary"])
     for dt in (1.0, 9.0, 90.0):
         primary.step({}, dt, {0: 200.0})
     assert primary.state.inelastic[0, 0] == pytest.approx((200 / 400) ** 5 * 100**0.3, rel=1e-8)
     relaxed = Point(LAWS["Norton"])
-    stress = [relaxed.step({0: 300 / YOUNG}, 1e-12)[0]]
+    relaxed.step({0: 300 / YOUNG}, 1e-12)
     for _ in range(2000):
-        stress.append(relaxed.step({0: 300 / YOUNG}, 1e-4)[0])
+        stress = relaxed.step({0: 300 / YOUNG}, 1e-4)[0]
     exact = (300.0**-7 + 7 * YOUNG * 0.2 / 400.0**8) ** (-1 / 7)  # of dσ/dt = -E (σ / K)^8
-    assert stress[-1] == pytest.approx(exact, rel=1e-3)
+    assert stress == pytest.approx(exact, rel=1e-3)  # implicit Euler in 2000 steps
 
 
 def test_plasticity_with_creep_yields_above_and_creeps_below():

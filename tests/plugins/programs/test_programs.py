@@ -41,25 +41,23 @@ def made(state, **sizes):
     inputs = {found[name]: [graph.input(name)] for name in sizes}
     nodes = nodes_of(graph, state(*found.values()), inputs)
     every = [node for (node,) in inputs.values()]
-    (one,) = nodes
-    return Program.of(graph, sizes, [nodes, graph.jacobian(nodes, every), graph.gradient(one, every)])
+    return Program.of(graph, sizes, [nodes, graph.jacobian(nodes, every)])
 
 
 @pytest.mark.parametrize("name", [*SINGLE, *PAIRS])
 def test_operations_and_their_derivatives_are_those_of_numpy(name):
-    """Forwards and backwards, at 200 points: more than the machine takes together."""
+    """At 200 points: more than the machine takes together."""
     stated, known = (SINGLE | PAIRS)[name]
     sizes = {"x": 1} if name in SINGLE else {"x": 1, "y": 1}
     given = np.random.default_rng(0).uniform(0.05, 0.95, (len(sizes), 200))
     program = made(stated, **sizes)
     assert evaluated(program, given)[0] == pytest.approx(known(*given), rel=1e-14)
-    forwards, backwards = evaluated(program, given, 1), evaluated(program, given, 2)
-    assert backwards == pytest.approx(forwards, rel=1e-12, abs=1e-14)
+    slopes = evaluated(program, given, 1)
     for place in range(len(sizes)):
         step = 1e-7 * np.eye(len(sizes))[place][:, None]
         slope = (known(*(given + step)) - known(*(given - step))) / 2e-7
         smooth = np.abs(slope) < 1e4  # not across the jump of a conditional
-        assert forwards[place][smooth] == pytest.approx(slope[smooth], rel=1e-5, abs=1e-6)
+        assert slopes[place][smooth] == pytest.approx(slope[smooth], rel=1e-5, abs=1e-6)
 
 
 def test_tensors_are_taken_component_by_component():
