@@ -1,6 +1,6 @@
 """Graph of scalar operations: each node once, constants folded, derivatives in the graph itself.
 
-Derivatives are taken in the graph, which is quicker than in UFL and shares operations with the value.
+Derivatives are made in the graph, which is quicker than in UFL and shares operations with the value.
 """
 
 from __future__ import annotations
