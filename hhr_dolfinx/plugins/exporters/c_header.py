@@ -31,7 +31,7 @@ def write_c_header(path: str | Path, model: object) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem must be an identifier of C.
-        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic, frictional, or inelastic with the law Plasticity.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic, frictional, or condensed inelastic.
 
     Returns:
         The path.
@@ -94,7 +94,7 @@ def _part(model: Any, part: str) -> str:
     """Text of an optional part of the kernel; the plug-in of a law of interfaces has that of the law."""
     if model.law.plugin and (law := page_of(model.law, "a header")).key == part:
         return law.header.read_text("utf-8")
-    return kernel_file(f"{part}.h")
+    return (kernel_file("programs.h") if part == "flow" else "") + kernel_file(f"{part}.h")
 
 
 def kernel_file(name: str) -> str:
@@ -174,12 +174,7 @@ class _Data:
     def _flow(self, item: dict[str, Any]) -> list[str]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
         names = {name: name for name in same} | {"flow_schur": "schur", "share_of": "parts", "mode_share": "mode_parts"}
-        bodies = []
-        for group in item["groups"]:
-            law = group["law"] or (None, None)
-            functions = {"young": group["young"], "yields": law[0], "hardens": law[1]}
-            words = ", ".join(f".{name} = {self._function(steps)}" for name, steps in functions.items())
-            bodies.append(f"{{{words}, .poisson = {group['poisson']!r}, .points = {group['points']}}}")
+        bodies = [self._body(number, group) for number, group in enumerate(item["groups"])]
         moduli = [f"{{{self._function(steps)}}}" for steps in item["moduli"]]
         return [
             *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
@@ -188,6 +183,24 @@ class _Data:
             self._records("body", "bodies", bodies),
             "static const model_modulus model_moduli[] = {" + (", ".join(moduli) or "{0}") + "};",
         ]
+
+    def _body(self, number: int, group: dict[str, Any]) -> str:
+        functions = ", ".join(self._function(steps) for steps in group["constants"])
+        self.parts.append(f"static double (*const model_constants{number}[])(const double *) = {{{functions}}};")
+        fields: dict[str, Any] = {"constants": f"model_constants{number}", "constants_count": len(group["constants"])}
+        fields |= {"points": group["points"], "law": "0"}
+        if group["law"] is not None:
+            self.parts.append(f"static const model_program model_program{number} = {self._program(group['law'])};")
+            fields["law"] = f"&model_program{number}"
+        if places := group["places"]:
+            fields |= {"places": self._put(places), "coordinates": self.arrays[places].shape[1]}
+        return _record(fields)
+
+    def _program(self, law: dict[str, Any]) -> str:
+        arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
+        fields: dict[str, Any] = {key: self._put(law[key]) for key in arrays}
+        fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
+        return _record(fields | {"numbers_count": self.arrays[law["numbers"]].size, "limited": int(law["limited"])})
 
     def _friction(self, item: dict[str, Any]) -> list[str]:
         laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
@@ -241,6 +254,13 @@ class _Data:
             points = self.arrays[flow["parts"]].size
             sizes |= {"MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(flow["groups"])}
             sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
+            laws = [group["law"] for group in flow["groups"] if group["law"]]
+            sizes |= {
+                "MEMORY": max([size // points + 1, *(law["sizes"]["memory"] for law in laws)]),
+                "UNKNOWNS": max([2, *(law["sizes"]["unknowns"] for law in laws)]),
+                "REGISTERS": max([1, *(law["registers"] for law in laws)]),
+                "CONSTANTS": max(len(group["constants"]) for group in flow["groups"]),
+            }
         if paths := friction or tree["flow"]:
             sizes["FIXED_COUNT"] = len(paths["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
@@ -325,6 +345,11 @@ class _Data:
         if item["kind"] == "largest":
             return own + ".largest = 1}"
         return own + f".offset = {item['offset']!r}, .factor = {item['factor']!r}, .least = {item['least']!r}}}"
+
+
+def _record(fields: dict[str, Any]) -> str:
+    """Initialiser of a record in C."""
+    return "{" + ", ".join(f".{key} = {value}" for key, value in fields.items()) + "}"
 
 
 def _quoted(text: str) -> str:

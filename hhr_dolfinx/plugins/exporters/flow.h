@@ -1,10 +1,9 @@
 
 /* Histories of inelastic bodies: plastic corrections and all contact forces of an increment, by Newton's method with a line
-   search, as in flow.js. Strains are stored component by component. */
+   search, as in flow.js. Strains and memory are stored component by component. */
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
 #define MODEL_CORRECTED 1e-11
-#define MODEL_NOISE 1e-14
 #define MODEL_QUICK 0.1
 #define MODEL_LEAST (1.0 / 256)
 #define MODEL_DECREASE 1e-4
@@ -16,7 +15,8 @@
 
 /* State of a history. */
 typedef struct {
-    double point[MODEL_PARAMETERS], correction[MODEL_MODES], forces[MODEL_CONDITIONS], plastic[MODEL_SIZE], cumulated[MODEL_POINTS];
+    double point[MODEL_PARAMETERS], correction[MODEL_MODES], forces[MODEL_CONDITIONS];
+    double memory[MODEL_MEMORY * MODEL_POINTS]; /* inelastic strain, its cumulated amount, and further variables of laws */
     double largest; /* denominator of errors of corrections */
     unsigned char active[MODEL_CONDITIONS], elastic[MODEL_CONDITIONS];
     int loaded; /* 1 if statuses are known */
@@ -24,8 +24,8 @@ typedef struct {
 
 /* Results of an increment at a correction. */
 typedef struct {
-    double correction[MODEL_MODES], residual[MODEL_MODES], forces[MODEL_CONDITIONS], strain[MODEL_SIZE], deviator[MODEL_SIZE];
-    double plastic[MODEL_SIZE], cumulated[MODEL_POINTS], amount[MODEL_POINTS], slope[MODEL_POINTS], trial[MODEL_POINTS], merit;
+    double correction[MODEL_MODES], residual[MODEL_MODES], forces[MODEL_CONDITIONS], strain[MODEL_SIZE];
+    double memory[MODEL_MEMORY * MODEL_POINTS], merit;
     unsigned char active[MODEL_CONDITIONS];
 } model_trial;
 
@@ -33,15 +33,17 @@ typedef struct {
     model_work *room;
     model_state *state, *pool;
     model_trial *here, *next;
-    double *tested, *scale, *coupled, *shear, *yields, *hardens, *slack, *strain, *elastic, *sizes; /* of an increment */
-    double *jacobian, *inner, *columns, *under, *flowing, gives[MODEL_SHARES], weight;
-    int *order, *on, *places, tangent, known, begun;
+    model_place *place;
+    double *tested, *scale, *coupled, *constants, *slopes, *slack, *strain, *elastic, *sizes; /* of an increment */
+    double *jacobian, *inner, *columns, *under, *flowing, gives[MODEL_SHARES], weight, dt;
+    double seconds; /* of an increment, or of the first load */
+    int *order, *on, *places, tangent, known, begun, parts; /* the last: increments within the seconds */
 } model_path;
 
 static inline void model_path_free(model_path *p) {
     if (!p) return;
-    model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), free(p->tested), free(p->scale);
-    free(p->coupled), free(p->shear), free(p->yields), free(p->hardens), free(p->slack), free(p->strain), free(p->elastic);
+    model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), free(p->place), free(p->tested), free(p->scale);
+    free(p->coupled), free(p->constants), free(p->slopes), free(p->slack), free(p->strain), free(p->elastic);
     free(p->sizes), free(p->jacobian), free(p->inner), free(p->columns), free(p->under), free(p->flowing);
     free(p->order), free(p->on), free(p->places), free(p);
 }
@@ -52,15 +54,15 @@ static inline double model_norm(const double *values, int count) {
     return sqrt(squares);
 }
 
-/* Weights times 2 mu times the deviator of the strain of each mode. */
+/* Weights times the stress of each mode. */
 static inline void model_set_tested(model_path *p) {
     const int n = MODEL_POINTS;
     for (int j = 0; j < MODEL_MODES; j++)
         for (int k = 0; k < n; k++) {
             const double *own = model_per_mode + (size_t)j * MODEL_SIZE + k;
-            const double mean = (own[0] + own[n] + own[2 * n]) / 3;
+            const double pressed = model_weights[k] * (own[0] + own[n] + own[2 * n]);
             for (int i = 0; i < MODEL_COMPONENTS; i++)
-                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[k] * (own[i * n] - (i < 3 ? mean : 0));
+                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[n + k] * own[i * n] + (i < 3 ? pressed : 0);
         }
     p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
 }
@@ -72,14 +74,15 @@ static inline model_path *model_path_new(void) {
     if (!p) return NULL;
     p->room = model_new(), p->state = calloc(1, sizeof *p->state), p->pool = calloc(MODEL_HALVED + 2, sizeof *p->pool);
     p->here = calloc(1, sizeof *p->here), p->next = calloc(1, sizeof *p->next);
+    p->place = calloc(1, sizeof *p->place), p->seconds = p->parts = 1;
     const struct {
         double **rows;
         size_t count;
-    } wanted[] = {{&p->tested, ell * size}, {&p->scale, n},           {&p->coupled, ell * m}, {&p->shear, n},   {&p->yields, n},
-                  {&p->hardens, n},         {&p->slack, m},           {&p->strain, size},     {&p->elastic, m}, {&p->sizes, n},
+    } wanted[] = {{&p->tested, ell * size}, {&p->scale, n},           {&p->coupled, ell * m},
+                  {&p->constants, n * MODEL_CONSTANTS}, {&p->slopes, size * MODEL_COMPONENTS}, {&p->slack, m},           {&p->strain, size},     {&p->elastic, m}, {&p->sizes, n},
                   {&p->jacobian, ell * ell}, {&p->inner, m * m},      {&p->columns, ell * m}, {&p->under, ell * size},
                   {&p->flowing, size}};
-    int all = p->room && p->state && p->pool && p->here && p->next;
+    int all = p->room && p->state && p->pool && p->here && p->next && p->place;
     for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
         all = (*wanted[k].rows = calloc(wanted[k].count, sizeof(double))) && all;
     p->order = malloc(ell * sizeof(int)), p->on = malloc(m * sizeof(int)), p->places = malloc(size * sizeof(int));
@@ -118,15 +121,23 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
     return 1;
 }
 
-/* Shear modulus and constants of the law of each point; 0 if they are invalid for a body. */
-static inline int model_set_laws(model_path *p, const double *point) {
-    int place = 0;
+/* E, the ratio of Poisson and the constants of the law of each point; 0 if they are invalid. */
+static inline int model_set_constants(model_path *p, const double *point) {
+    double at[MODEL_PARAMETERS + 3], *found = p->constants;
+    memcpy(at, point, MODEL_PARAMETERS * sizeof(double));
     for (int g = 0; g < MODEL_BODIES; g++) {
         const model_body *body = &model_bodies[g];
-        const double shear = body->young(point) / (2 * (1 + body->poisson));
-        const double yields = body->yields ? body->yields(point) : INFINITY, hardens = body->yields ? body->hardens(point) : 0;
-        if (!(shear > 0 && yields > 0 && hardens >= 0)) return 0;
-        for (int k = 0; k < body->points; k++, place++) p->shear[place] = shear, p->yields[place] = yields, p->hardens[place] = hardens;
+        for (int k = 0; k < body->points; k++, found += MODEL_CONSTANTS) {
+            if (k && !body->places) {
+                memcpy(found, found - MODEL_CONSTANTS, MODEL_CONSTANTS * sizeof(double));
+                continue;
+            }
+            for (int i = 0; i < body->coordinates; i++) at[MODEL_PARAMETERS + i] = body->places[k * body->coordinates + i];
+            for (int i = 0; i < body->constants_count; i++) found[i] = body->constants[i](at);
+            if (!(found[0] > 0)) return 0;
+            for (int i = 2; i < body->constants_count; i++)
+                if (!(found[i] > body->law->low[i - 2] && found[i] < body->law->high[i - 2])) return 0;
+        }
     }
     return 1;
 }
@@ -162,31 +173,29 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
     return model_settled(w);
 }
 
-/* Deviatoric stress and plastic increment by the law (radial return). */
-static inline void model_set_flow(const model_path *p, const model_state *before, model_trial *out) {
-    const int n = MODEL_POINTS;
-    memcpy(out->plastic, before->plastic, sizeof out->plastic);
-    memcpy(out->cumulated, before->cumulated, sizeof out->cumulated);
-    for (int k = 0; k < n; k++) {
-        const double *strain = out->strain + k, *plastic = before->plastic + k;
-        const double mean = (strain[0] + strain[n] + strain[2 * n]) / 3;
-        double squares = 0;
-        for (int i = 0; i < MODEL_COMPONENTS; i++) {
-            const double value = 2 * p->shear[k] * (strain[i * n] - plastic[i * n] - (i < 3 ? mean : 0));
-            out->deviator[i * n + k] = value, squares += value * value;
+/* Memory of all points at the end of an increment or, with a number of those that flow, their slopes; 0 without an answer. */
+static inline int model_set_memory(model_path *p, const model_state *before, model_trial *out, int *count) {
+    const int n = MODEL_POINTS, c = MODEL_COMPONENTS;
+    double strain[MODEL_COMPONENTS], old[MODEL_MEMORY];
+    int k = 0;
+    if (!count) memcpy(out->memory, before->memory, sizeof out->memory);
+    for (int g = 0; g < MODEL_BODIES; g++)
+        for (int last = k + model_bodies[g].points; k < last; k++) {
+            const model_program *law = model_bodies[g].law;
+            const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS;
+            if (!law) continue;
+            for (int i = 0; i < c; i++) strain[i] = out->strain[i * n + k];
+            for (int i = 0; i < law->memory; i++) old[i] = before->memory[i * n + k];
+            if (!model_solve_law(law, p->place, strain, old, p->dt, constants)) return 0;
+            if (!count)
+                for (int i = 0; i < law->memory; i++) out->memory[i * n + k] = p->place->memory[i];
+            else if (model_set_slopes(law, p->place, constants, p->slopes + (size_t)*count * c))
+                for (int i = 0; i < c; i++) p->places[(*count)++] = i * n + k;
         }
-        out->trial[k] = sqrt(1.5 * squares), out->amount[k] = out->slope[k] = 0;
-        const double over = out->trial[k] - p->yields[k] - p->hardens[k] * before->cumulated[k];
-        if (!(over > 0)) continue;
-        out->slope[k] = 1 / (3 * p->shear[k] + p->hardens[k]);
-        out->amount[k] = over * out->slope[k];
-        out->cumulated[k] += out->amount[k];
-        for (int i = 0; i < MODEL_COMPONENTS; i++)
-            out->plastic[i * n + k] += 1.5 * out->amount[k] / out->trial[k] * out->deviator[i * n + k];
-    }
+    return 1;
 }
 
-/* Contact forces, strain, plastic increment and residual at the correction of a trial; 0 without a solution. */
+/* Contact forces, strain, memory and residual at the correction of a trial; 0 without a solution. */
 static inline int model_tried(model_path *p, const model_state *before, const unsigned char *start, model_trial *out) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = MODEL_POINTS;
     double slack[MODEL_CONDITIONS];
@@ -203,10 +212,10 @@ static inline int model_tried(model_path *p, const model_state *before, const un
     for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] = p->strain[k] - p->scale[k % n] * out->strain[k];
     for (int j = 0; j < ell; j++)
         for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] += out->correction[j] * model_per_mode[(size_t)j * MODEL_SIZE + k];
-    model_set_flow(p, before, out);
+    if (!model_set_memory(p, before, out, NULL)) return 0;
     for (int j = 0; j < ell; j++) {
         double left = 0;
-        for (int k = 0; k < MODEL_SIZE; k++) left += p->tested[(size_t)j * MODEL_SIZE + k] * out->plastic[k];
+        for (int k = 0; k < MODEL_SIZE; k++) left += p->tested[(size_t)j * MODEL_SIZE + k] * out->memory[k];
         for (int i = 0; i < ell; i++) left -= model_modal[j * ell + i] * out->correction[i];
         for (int i = 0; i < m; i++) left -= p->coupled[j * m + i] * (out->forces[i] - p->elastic[i]);
         out->residual[j] = left;
@@ -216,12 +225,10 @@ static inline int model_tried(model_path *p, const model_state *before, const un
 }
 
 /* Subtracts the plastic part from Newton's matrix, if there is any, with the response of n forces to each mode. */
-static inline void model_take_flow(model_path *p, const model_trial *here, int n) {
-    const int ell = MODEL_MODES, m = MODEL_CONDITIONS;
+static inline void model_take_flow(model_path *p, const model_state *before, model_trial *here, int n) {
+    const int ell = MODEL_MODES, m = MODEL_CONDITIONS, c = MODEL_COMPONENTS;
     int count = 0;
-    for (int k = 0; k < MODEL_POINTS; k++)
-        if (here->amount[k] > 0)
-            for (int i = 0; i < MODEL_COMPONENTS; i++) p->places[count++] = i * MODEL_POINTS + k;
+    if (!memcmp(here->memory, before->memory, MODEL_SIZE * sizeof(double)) || !model_set_memory(p, before, here, &count)) return;
     for (int j = 0; j < ell; j++) {
         double *strain = p->under + (size_t)j * count;
         for (int q = 0; q < count; q++) strain[q] = model_per_mode[(size_t)j * MODEL_SIZE + p->places[q]];
@@ -232,14 +239,10 @@ static inline void model_take_flow(model_path *p, const model_trial *here, int n
     }
     for (int j = 0; j < ell; j++) {
         const double *tested = p->tested + (size_t)j * MODEL_SIZE;
-        for (int first = 0; first < count; first += MODEL_COMPONENTS) {
-            const int k = p->places[first];
-            const double turned = 3 * p->shear[k] * here->amount[k] / here->trial[k];
-            const double along = 1.5 * (3 * p->shear[k] * here->slope[k] - turned) / (here->trial[k] * here->trial[k]);
-            double onto = 0;
-            for (int q = first; q < first + MODEL_COMPONENTS; q++) onto += tested[p->places[q]] * here->deviator[p->places[q]];
-            for (int q = first; q < first + MODEL_COMPONENTS; q++)
-                p->flowing[q] = tested[p->places[q]] * turned + onto * along * here->deviator[p->places[q]];
+        for (int q = 0; q < count; q++) {
+            const int first = q - q % c;
+            p->flowing[q] = 0;
+            for (int i = 0; i < c; i++) p->flowing[q] += tested[p->places[first + i]] * p->slopes[(first + i) * c + q % c];
         }
         for (int l = 0; l < ell; l++) {
             double total = 0;
@@ -250,7 +253,7 @@ static inline void model_take_flow(model_path *p, const model_trial *here, int n
 }
 
 /* Newton's matrix at a trial, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, W = S_AA^-1 (B V)_A. */
-static inline int model_linearised(model_path *p, const model_trial *here) {
+static inline int model_linearised(model_path *p, const model_state *before, model_trial *here) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES;
     int n = 0;
     for (int i = 0; i < m; i++)
@@ -266,7 +269,7 @@ static inline int model_linearised(model_path *p, const model_trial *here) {
         for (int a = 0; a < n; a++)
             for (int row = 0; row < ell; row++) p->jacobian[row * ell + j] += p->coupled[row * m + p->on[a]] * column[a];
     }
-    model_take_flow(p, here, n);
+    model_take_flow(p, before, here, n);
     if (!model_lu(p->jacobian, ell, p->order)) return 0;
     for (int k = 0; k < ell * ell; k++)
         if (!isfinite(p->jacobian[k])) return 0;
@@ -289,7 +292,7 @@ static inline int model_stepped(model_path *p, const model_state *before, double
 static inline int model_nearer(model_path *p, const model_state *before) {
     const double merit = p->here->merit;
     if (p->tangent && model_stepped(p, before, 1, MODEL_QUICK * merit)) return 1;
-    p->tangent = model_linearised(p, p->here);
+    p->tangent = model_linearised(p, before, p->here);
     for (double share = 1; p->tangent && share >= MODEL_LEAST; share /= 2)
         if (model_stepped(p, before, share, (1 - MODEL_DECREASE * share) * merit)) return 1;
     p->tangent = 0;
@@ -314,7 +317,7 @@ static inline int model_small(model_path *p) {
 static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
     if (!model_possible(point)) return 0;
     model_set_theta(p->room, point);
-    if (!model_set_elasticity(p, point) || !model_set_laws(p, point)) return 0;
+    if (!model_set_elasticity(p, point) || !model_set_constants(p, point)) return 0;
     model_set_loads(p);
     if (!model_touched(p, p->slack, before->loaded ? before->elastic : NULL)) return 0;
     memcpy(p->elastic, p->room->forces, MODEL_CONDITIONS * sizeof(double));
@@ -331,8 +334,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     memcpy(after->point, point, sizeof after->point);
     memcpy(after->correction, p->here->correction, sizeof after->correction);
     memcpy(after->forces, p->here->forces, sizeof after->forces);
-    memcpy(after->plastic, p->here->plastic, sizeof after->plastic);
-    memcpy(after->cumulated, p->here->cumulated, sizeof after->cumulated);
+    memcpy(after->memory, p->here->memory, sizeof after->memory);
     memcpy(after->active, p->here->active, sizeof after->active);
     memcpy(after->elastic, elastic, sizeof after->elastic);
     after->largest = largest, after->loaded = 1;
@@ -343,6 +345,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
 static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
     model_state *half = &p->pool[depth];
+    p->dt = ldexp(p->seconds / p->parts, -depth);
     if (model_increment(p, before, point, after)) return 1;
     if (depth == MODEL_HALVED) return 0;
     model_between(before->point, point, 0.5, middle);
@@ -369,7 +372,8 @@ static inline int model_rest(model_path *p, const double *point) {
     return MODEL_DONE;
 }
 
-/* Begin at rest, with proportional loading up to a point, in increments of a fortieth of the box. Forces, (MODEL_CONDITIONS),
+/* Begin at rest, with proportional loading up to a point, in increments of a fortieth of the box, within the
+   seconds of the path. Forces, (MODEL_CONDITIONS),
    and outputs, (MODEL_OUTPUTS), may be NULL. */
 static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
     double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS], far = 0;
@@ -382,13 +386,15 @@ static inline int model_begin(model_path *p, const double *point, double *forces
         far = fmax(far, fabs(point[k] - from[k]) / (wide > 0 ? wide : 1));
     }
     const int steps = (int)fmax(1, ceil(far * MODEL_STEPS - 1e-9));
+    p->parts = steps;
     for (int step = 1; step <= steps; step++) {
         model_between(from, point, (double)step / steps, next);
         if (!model_reached(p, p->state, step == steps ? point : next, reached, 0)) {
-            p->begun = 0;
+            p->begun = 0, p->parts = 1;
             return MODEL_NO_ANSWER;
         }
         *p->state = *reached;
     }
+    p->parts = 1;
     return model_told(p, forces, outputs);
 }

@@ -183,6 +183,9 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     (void)no_earlier;
     *event = 0, *terminate = 0, *early = 0, *last = time;
     if (!(size >= 0) || !isfinite(time + size)) return complaint(u, ERROR, "a step must not go back, and time is a number");
+#if MODEL_FLOWS
+    u->work->seconds = size > 0 || !u->begun ? size : u->work->seconds;
+#endif
     const int status = set_out(u);
     if (status) return status;
     *last = u->time = time + size;

@@ -10,7 +10,8 @@
        model_free(work);
 
    With friction or inelastic bodies answers depend on the path. Use instead: model_path_new; model_begin, with
-   proportional loading to a point; model_go, one increment each time; and model_path_free.
+   proportional loading to a point; model_go, one increment each time; and model_path_free. Where laws depend on rates,
+   set path->seconds, the duration of an increment or of the first load: it is 1 otherwise.
 
    One work, or path, for each thread. Include it in one file, or in several: all is static. */
 #ifndef model_HEADER
@@ -72,10 +73,16 @@ typedef struct {
 typedef struct {
     double (*value)(const double *);
 } model_modulus;
+typedef struct { /* a law of bodies as a program: rows of an operation, its result and its operands; see programs.h */
+    const int *rows, *ends, *outputs, *output_ends, *kinds;
+    const double *numbers, *low, *high; /* the last two are limits of its constants */
+    int unknowns, memory, constants, numbers_count, limited;
+} model_program;
 typedef struct {
-    double (*young)(const double *), (*yields)(const double *), (*hardens)(const double *); /* NULL for an elastic body */
-    double poisson;
-    int points;
+    double (*const *constants)(const double *); /* E, the ratio of Poisson, and those of its law */
+    const double *places;                       /* of its points, if constants vary in space */
+    const model_program *law;                   /* NULL for an elastic body */
+    int points, constants_count, coordinates;
 } model_body;
 
 /*DATA*/

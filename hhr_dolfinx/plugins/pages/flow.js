@@ -1,12 +1,12 @@
 "use strict";
 /* Histories of inelastic bodies: plastic corrections g and all contact forces of an increment, by Newton's method with a
    line search, as in inelastic.condensed_step in Python. The arrays are described in
-   inelastic.condensed_flow; strains are stored component by component. Needs model.js. */
+   inelastic.condensed_flow; strains and memory are stored component by component. Needs programs.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;
   const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // limits of small strains, see models.strains
-  const STEPS = 40; // increments from one end of a parameter's range to the other
+  const STEPS = 40, HELD = 10; // increments from one end of a parameter's range to the other; least of a move that takes time
   const norm = (values) => Math.sqrt(values.reduce((t, x) => t + x * x, 0));
 
   class Flowing {
@@ -22,16 +22,20 @@
       this.tested = this.testedBy(own("weights"));
       this.weight = norm(this.tested);
       const halves = own("schur"), count = halves.shape[0], half = halves.length / count;
+      this.groups = flow.groups.map(({ law, places, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law), places: places && model.arrays[places] }));
+      this.rows = Math.max(this.components + 1, ...this.groups.map(({ law }) => (law ? law.sizes.memory : 0)));
+      this.rated = flow.groups.some(({ rated }) => rated);
+      this.seconds = 1; // of a move
       this.schurs = Array.from({ length: count }, (_, q) => model.whole(halves.subarray(q * half, (q + 1) * half)));
       model.flow = this;
     }
 
-    /* Weights times 2 mu times the deviator of the strain of each mode. */
+    /* Weights times the stress of each mode. */
     testedBy(weights) {
       const { ell, size, points, components } = this, found = new Float64Array(ell * size);
       for (let j = 0; j < ell; j++) for (let k = 0; k < points; k++) {
-        const at = (i) => j * size + i * points + k, mean = (this.per_mode[at(0)] + this.per_mode[at(1)] + this.per_mode[at(2)]) / 3;
-        for (let i = 0; i < components; i++) found[at(i)] = weights[k] * (this.per_mode[at(i)] - (i < 3 ? mean : 0));
+        const at = (i) => j * size + i * points + k, volume = this.per_mode[at(0)] + this.per_mode[at(1)] + this.per_mode[at(2)];
+        for (let i = 0; i < components; i++) found[at(i)] = weights[points + k] * this.per_mode[at(i)] + (i < 3 ? weights[k] * volume : 0);
       }
       return found;
     }
@@ -48,24 +52,45 @@
       return (this.moduli = { key, gives, schur, scale, coupled });
     }
 
-    /* Shear modulus and constants of the law of each point; null if they are invalid for a body. */
-    laws(point) {
-      const found = { shear: new Float64Array(this.points), yields: new Float64Array(this.points).fill(Infinity), hardens: new Float64Array(this.points) };
-      let place = 0;
-      for (const { points, young, poisson, law } of this.flow.groups) {
-        const shear = hhr.formula(young, point) / (2 * (1 + poisson)), constants = law && law.map((steps) => hhr.formula(steps, point));
-        if (!(shear > 0) || (law && !(constants[0] > 0 && constants[1] >= 0))) return null;
-        found.shear.fill(shear, place, place + points);
-        if (law) { found.yields.fill(constants[0], place, place + points); found.hardens.fill(constants[1], place, place + points); }
-        place += points;
+    /* E, the ratio of Poisson and the constants of the law of each point; null if they are invalid. */
+    constants(point) {
+      const found = [];
+      for (const { points, law, constants, places } of this.groups) {
+        const at = (place) => constants.map((steps) => hhr.formula(steps, [...point, ...place])), alike = places ? null : at([]);
+        for (let k = 0; k < points; k++) {
+          const own = alike ?? at(places.subarray((k * places.length) / points, ((k + 1) * places.length) / points));
+          if (!(own[0] > 0) || (law && !law.takes(own))) return null;
+          found.push(own);
+        }
+      }
+      return found;
+    }
+
+    /* Memory at the end of a step; null if a law has no answer. `visit` takes each point with its law, which was solved there. */
+    updated({ constants, before, dt }, strain, visit) {
+      const { points, components } = this, found = Float64Array.from(before.memory), own = new Float64Array(components);
+      let k = 0;
+      for (const { points: count, law } of this.groups) for (const end = k + count; k < end; k++) {
+        if (!law) continue;
+        const old = Float64Array.from({ length: law.sizes.memory }, (_, i) => before.memory[i * points + k]);
+        for (let i = 0; i < components; i++) own[i] = strain[i * points + k];
+        if (!law.solve(own, old, dt, constants[k])) return null;
+        law.memory.forEach((value, i) => { found[i * points + k] = value; });
+        visit?.(k, law);
       }
       return found;
     }
 
     /* Undeformed bodies at a point, without plastic strain. */
     rest(point) {
-      return { point, correction: new Float64Array(this.ell), forces: new Float64Array(this.m), plastic: new Float64Array(this.size),
-        cumulated: new Float64Array(this.points), active: new Uint8Array(this.m), elastic: null, largest: 0 };
+      return this.remembering({ point, time: 0, correction: new Float64Array(this.ell), forces: new Float64Array(this.m),
+        memory: new Float64Array(this.rows * this.points), active: new Uint8Array(this.m), elastic: null, largest: 0 });
+    }
+
+    /* A state with names for parts of its memory. */
+    remembering(state) {
+      const { size, points } = this;
+      return { ...state, plastic: state.memory.subarray(0, size), cumulated: state.memory.subarray(size, size + points) };
     }
 
     /* A history of proportional loading from rest, at the point of the box nearest to zero: rest, then its increments. */
@@ -80,34 +105,34 @@
     went(before, point) {
       const { lower, upper } = this.model.tree, found = [];
       const far = Math.max(...point.map((x, k) => Math.abs(x - before.point[k]) / (upper[k] - lower[k] || 1)));
-      const steps = Math.max(1, Math.ceil(far * STEPS - 1e-9));
+      const steps = Math.max(this.rated ? HELD : 1, Math.ceil(far * STEPS - 1e-9));
       let state = before;
       for (let step = 1; step <= steps; step++) {
         const next = step === steps ? point.slice() : point.map((x, k) => before.point[k] + ((x - before.point[k]) * step) / steps);
-        state = this.reached(state, next);
+        state = this.reached(state, next, this.seconds / steps);
         if (!state) break;
         found.push(state);
       }
       return found;
     }
 
-    /* An increment, in halves if necessary; null if it does not converge. */
-    reached(before, point, depth = 0) {
-      const whole = this.increment(before, point);
+    /* An increment of some seconds, in halves if necessary; null if it does not converge. */
+    reached(before, point, dt = this.seconds, depth = 0) {
+      const whole = this.increment(before, point, dt);
       if (whole || depth === HALVED) return whole;
-      const half = this.reached(before, before.point.map((x, k) => (x + point[k]) / 2), depth + 1);
-      return half && this.reached(half, point, depth + 1);
+      const half = this.reached(before, before.point.map((x, k) => (x + point[k]) / 2), dt / 2, depth + 1);
+      return half && this.reached(half, point, dt / 2, depth + 1);
     }
 
-    increment(before, point) {
-      const theta = this.model.theta(point), elasticity = this.elasticity(point), laws = this.laws(point);
-      if (!laws || !this.model.possible(point)) return null;
-      const load = { theta, ...elasticity, laws, before, slack: this.slack(theta, elasticity), strain: this.strain(theta, elasticity) };
+    increment(before, point, dt) {
+      const theta = this.model.theta(point), elasticity = this.elasticity(point), constants = this.constants(point);
+      if (!constants || !this.model.possible(point)) return null;
+      const load = { theta, ...elasticity, constants, dt, before, slack: this.slack(theta, elasticity), strain: this.strain(theta, elasticity) };
       const elastic = this.model.touched({ schur: load.schur, slack: load.slack }, before.elastic);
       if (!elastic) return null;
       load.elastic = elastic.forces;
       const found = this.newton(load, before.correction, before.active);
-      return found && this.small(found.strain) && { point, theta, gives: elasticity.gives, elastic: elastic.active, converged: true, ...found };
+      return found && this.small(found.strain) && this.remembering({ point, time: before.time + dt, theta, gives: elasticity.gives, elastic: elastic.active, converged: true, ...found });
     }
 
     /* True if strains are small enough for the theory of small strains. */
@@ -177,9 +202,9 @@
       return correction.map((x, j) => x + share * step[j]);
     }
 
-    /* Contact forces, strain, plastic increment and residual at a correction; null without a solution. */
+    /* Contact forces, strain, memory and residual at a correction; null without a solution. */
     tried(load, correction, start) {
-      const { ell, m, size, points, components } = this, slack = Float64Array.from(load.slack), strain = Float64Array.from(load.strain);
+      const { ell, m, size, points } = this, slack = Float64Array.from(load.slack), strain = Float64Array.from(load.strain);
       for (let i = 0; i < m; i++) for (let j = 0; j < ell; j++) slack[i] -= this.moved[i * ell + j] * correction[j];
       const contact = this.model.touched({ schur: load.schur, slack }, start);
       if (!contact) return null;
@@ -187,32 +212,16 @@
       contact.forces.forEach((force, i) => { if (force !== 0) for (let k = 0; k < size; k++) pushed[k] += force * this.per_force[i * size + k]; });
       for (let k = 0; k < size; k++) strain[k] -= load.scale[k % points] * pushed[k];
       for (let j = 0; j < ell; j++) for (let k = 0; k < size; k++) strain[k] += correction[j] * this.per_mode[j * size + k];
-      const { shear, yields, hardens } = load.laws, old = load.before, deviator = new Float64Array(size);
-      const plastic = Float64Array.from(old.plastic), cumulated = Float64Array.from(old.cumulated);
-      const amount = new Float64Array(points), slope = new Float64Array(points), trial = new Float64Array(points);
-      for (let k = 0; k < points; k++) {
-        const mean = (strain[k] + strain[points + k] + strain[2 * points + k]) / 3;
-        for (let i = 0; i < components; i++) {
-          const place = i * points + k;
-          deviator[place] = 2 * shear[k] * (strain[place] - old.plastic[place] - (i < 3 ? mean : 0));
-          trial[k] += deviator[place] ** 2;
-        }
-        trial[k] = Math.sqrt(1.5 * trial[k]);
-        const over = trial[k] - yields[k] - hardens[k] * old.cumulated[k];
-        if (!(over > 0)) continue;
-        slope[k] = 1 / (3 * shear[k] + hardens[k]);
-        amount[k] = over * slope[k];
-        cumulated[k] += amount[k];
-        for (let i = 0; i < components; i++) plastic[i * points + k] += ((1.5 * amount[k]) / trial[k]) * deviator[i * points + k];
-      }
+      const memory = this.updated(load, strain);
+      if (!memory) return null;
       const residual = new Float64Array(ell);
       for (let j = 0; j < ell; j++) {
-        for (let k = 0; k < size; k++) residual[j] += this.tested[j * size + k] * plastic[k];
+        for (let k = 0; k < size; k++) residual[j] += this.tested[j * size + k] * memory[k];
         for (let i = 0; i < ell; i++) residual[j] -= this.modal[j * ell + i] * correction[i];
         for (let i = 0; i < m; i++) residual[j] -= load.coupled[j * m + i] * (contact.forces[i] - load.elastic[i]);
       }
       const merit = norm(residual);
-      return Number.isFinite(merit) ? { correction, strain, deviator, plastic, cumulated, amount, slope, trial, residual, merit, ...contact } : null;
+      return Number.isFinite(merit) ? { correction, strain, memory, residual, merit, ...contact } : null;
     }
 
     /* Newton's matrix, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, with W = S_AA^-1 (B V)_A. */
@@ -233,31 +242,37 @@
       return hhr.factor(jacobian, ell, order) && jacobian.every(Number.isFinite) ? { jacobian, order } : null;
     }
 
-    /* Subtracts the plastic part from the matrix, if there is any. */
-    flowOf(load, { deviator, amount, slope, trial }, on, columns, jacobian) {
-      const { ell, size, points, components } = this, { shear } = load.laws, places = [];
-      amount.forEach((flow, k) => { if (flow > 0) for (let i = 0; i < components; i++) places.push(i * points + k); });
-      const count = places.length, flowing = new Float64Array(count), under = [];
+    /* Subtracts the plastic part from the matrix, if there is any: by the slopes 1 - C^-1 H of the points that flow. */
+    flowOf(load, { strain, memory }, on, columns, jacobian) {
+      const { ell, size, points, components: c } = this, slopes = [], which = [];
+      if (memory.every((value, k) => k >= size || value === load.before.memory[k])) return;
+      this.updated(load, strain, (k, law) => {
+        const own = this.slopes(law.tangent(), load.constants[k]);
+        if (own.some((value) => value !== 0)) { slopes.push(own); which.push(k); }
+      });
+      const places = which.flatMap((k) => Array.from({ length: c }, (_, i) => i * points + k)), count = places.length, flowing = new Float64Array(count);
       const rows = on.map((i) => Float64Array.from(places, (place) => load.scale[place % points] * this.per_force[i * size + place]));
+      const under = columns.map((column, j) => {
+        const found = Float64Array.from(places, (place) => this.per_mode[j * size + place]);
+        rows.forEach((row, a) => { for (let p = 0; p < count; p++) found[p] -= column[a] * row[p]; });
+        return found;
+      });
       for (let j = 0; j < ell; j++) {
-        const strain = Float64Array.from(places, (place) => this.per_mode[j * size + place]);
-        rows.forEach((row, a) => { const share = columns[j][a]; for (let p = 0; p < count; p++) strain[p] -= share * row[p]; });
-        under.push(strain);
+        flowing.fill(0);
+        slopes.forEach((own, z) => {
+          for (let m = 0; m < c; m++) for (let i = 0; i < c; i++) flowing[z * c + i] += this.tested[j * size + places[z * c + m]] * own[m * c + i];
+        });
+        for (let l = 0; l < ell; l++) jacobian[j * ell + l] -= hhr.dot(flowing, under[l]);
       }
-      for (let j = 0; j < ell; j++) {
-        for (let first = 0; first < count; first += components) {
-          const k = places[first], turned = (3 * shear[k] * amount[k]) / trial[k], along = (1.5 * (3 * shear[k] * slope[k] - turned)) / trial[k] ** 2;
-          let onto = 0;
-          for (let p = first; p < first + components; p++) onto += this.tested[j * size + places[p]] * deviator[places[p]];
-          for (let p = first; p < first + components; p++) flowing[p] = this.tested[j * size + places[p]] * turned + onto * along * deviator[places[p]];
-        }
-        for (let l = 0; l < ell; l++) {
-          const strain = under[l];
-          let total = 0;
-          for (let p = 0; p < count; p++) total += flowing[p] * strain[p];
-          jacobian[j * ell + l] -= total;
-        }
-      }
+    }
+
+    /* 1 - C^-1 H of a tangent H. */
+    slopes(tangent, [young, poisson]) {
+      const c = this.components;
+      return Float64Array.from({ length: c * c }, (_, place) => {
+        const [i, j] = [Math.floor(place / c), place % c], mean = tangent[j] + tangent[c + j] + tangent[2 * c + j];
+        return (i === j ? 1 : 0) - ((1 + poisson) * tangent[place] - (i < 3 ? poisson * mean : 0)) / young;
+      });
     }
 
     /* Rows of a displacement: of corrections, of forces and loads by part, and of imposed displacements. */
@@ -306,8 +321,8 @@
         shares[a] += scales[a] ** 2 * shown[(a * points + k) * components + i] * at(k, i);
       }
       let left = 0, stress = 0, place = 0;
-      this.flow.groups.forEach(({ points: own, young, poisson }) => {
-        const E = hhr.formula(young, point), lame = (E * poisson) / ((1 + poisson) * (1 - 2 * poisson)), twice = E / (1 + poisson);
+      this.groups.forEach(({ points: own, constants }) => {
+        const [E, poisson] = constants.slice(0, 2).map((steps) => hhr.formula(steps, point)), lame = (E * poisson) / ((1 + poisson) * (1 - 2 * poisson)), twice = E / (1 + poisson);
         for (let k = place; k < place + own; k++) {
           const open = [], strains = [];
           for (let i = 0; i < components; i++) {
@@ -345,4 +360,4 @@
   }
 
   hhr.Flowing = Flowing;
-})(typeof module !== "undefined" ? require("./model.js") : hhr);
+})(typeof module !== "undefined" ? require("./programs.js") : hhr);

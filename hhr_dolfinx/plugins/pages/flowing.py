@@ -1,4 +1,4 @@
-"""Data of a condensed inelastic model on a page: arrays of an increment, laws as formulas, and pictures of an answer.
+"""Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and pictures of an answer.
 
 ``flow.js`` solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
 contact problem for each correction, and Newton's method on both.
@@ -21,8 +21,7 @@ from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.constants import parameters_of
-from hhr_dolfinx.plugins.inelastic.law import LawProgram, State
-from hhr_dolfinx.plugins.inelastic.state import deviator
+from hhr_dolfinx.plugins.inelastic.law import LawProgram
 from hhr_dolfinx.plugins.inelastic.trained import TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
@@ -40,7 +39,7 @@ once."""
 
 
 def check_flow(model: object, what: str = "a page") -> None:
-    """Raise NotOfferedError for models that are not condensed, laws that ``what`` does not support, and friction."""
+    """Raise NotOfferedError for models that are not condensed, and friction."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
@@ -50,39 +49,6 @@ def check_flow(model: object, what: str = "a page") -> None:
         raise NotOfferedError(
             f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
-    for group in model.flow.groups:
-        if group.coordinates:
-            raise NotOfferedError(f"{what} has constants of laws that are the same in a body: histories run in Python")
-        if group.law is not None and not _hardens_linearly(group.law):
-            raise NotOfferedError(
-                f"{what} knows the law Plasticity, and none with rates or of your own, as {group.law.name} "
-                "is: histories run in Python, or by hhr answer"
-            )
-
-
-def _hardens_linearly(law: LawProgram) -> bool:
-    """True for a law that answers as pages and C do: with σ0 and H as constants, by linear hardening.
-
-    A user's law may have the name of another, so that answers to random steps are compared.
-    """
-    if law.constants != ("yield_stress", "hardening") or law.remembered != law.strains + 1:
-        return False
-    trial = law.with_numbers({"yield_stress": 1.0, "hardening": 20.0})
-    given = trial.given(100.0, 0.25)  # λ = μ = 40
-    random = np.random.default_rng(0)
-    strain = 0.02 * random.standard_normal((20, law.strains))
-    rest = State(np.zeros_like(strain), 0.05 * random.random(20), np.zeros((20, 0)))
-    turned = 80 * deviator(strain)
-    size = np.sqrt(1.5 * (turned**2).sum(axis=1))
-    amount = np.maximum(size - 1 - 20 * rest.cumulated, 0) / 140
-    try:
-        found = trial.update(strain, rest, 1.0, given, tangent=False)
-    except ConvergenceError:
-        return False
-    stress = strain @ given.elastic - (120 * amount / size)[:, None] * turned
-    return np.allclose(found.stress, stress, rtol=1e-9, atol=1e-12) and np.allclose(
-        found.state.cumulated, rest.cumulated + amount, rtol=1e-9, atol=1e-15
-    )
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
@@ -98,7 +64,7 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     tree["schur"] = arrays.put("flow_schur", np.array([half(part) for part in flow.schur]))
     tree["moduli"] = [steps_of(modulus.factor_scalar) for modulus in flow.factors.moduli]
     tree["middle"] = flow.factors.middle.tolist()
-    tree["groups"] = [_group(group, names) for group in flow.groups]
+    tree["groups"] = [_group(number, group, names, arrays) for number, group in enumerate(flow.groups)]
     tree["fixed"] = fixed(model)
     # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
     # orthogonal to the modes, so their orthonormal directions suffice
@@ -109,28 +75,46 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
 
 
 def _weights(flow: CondensedFlow) -> np.ndarray:
-    """Weight of each point times 2 μ, (n,): the factor from the deviator of ``per_mode`` to ``tested``."""
+    """Weight of each point times Lamé's λ and 2 μ, (2, n): the factors from ``per_mode`` to ``tested``."""
     shape = len(flow.per_mode), flow.components, -1
-    deviator = flow.per_mode.reshape(shape).copy()
-    deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
-    squares = (deviator**2).sum(axis=(0, 1))
-    return (flow.tested.reshape(shape) * deviator).sum(axis=(0, 1)) / np.where(squares > 0, squares, 1.0)
+    strain, stress = flow.per_mode.reshape(shape), flow.tested.reshape(shape)
+    traces = [values[:, :3].sum(axis=1) for values in (strain, stress)]
+    deviators = [values.copy() for values in (strain, stress)]
+    for values, trace in zip(deviators, traces, strict=True):
+        values[:, :3] -= trace[:, None] / 3
+    shear = _ratio((deviators[0] * deviators[1]).sum(axis=(0, 1)), (deviators[0] ** 2).sum(axis=(0, 1)))
+    return np.array([(_ratio((traces[0] * traces[1]).sum(axis=0), (traces[0] ** 2).sum(axis=0)) - shear) / 3, shear])
 
 
-def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
+def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Quotients, 0 where both are."""
+    return above / np.where(below > 0, below, 1.0)
+
+
+def _group(number: int, group: Group, names: tuple[str, ...], arrays: Packed) -> dict[str, Any]:
+    """Points of a body: formulas of E, ν and the constants of its law, and its program."""
     law = group.law
-    constants = None if law is None else [_steps(value, names) for value in law.values]
+    free = [k for k, name in enumerate(group.coordinates) if name not in names]
+    every = (*names, *(group.coordinates[k] for k in free))
+    values = (group.young, group.poisson, *(() if law is None else law.values))
     return {
         "points": len(group.indices),
-        "young": _steps(group.young, names),
-        "poisson": float(group.poisson),
-        "law": constants,
+        "constants": [steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)] for value in values],
+        "places": arrays.put(f"law{number}_places", group.places[:, free]) if free else None,
+        "rated": law is not None and law.rated,
+        "law": None if law is None else _program(f"law{number}", law, arrays),
     }
 
 
-def _steps(constant: float | str, names: tuple[str, ...]) -> list[Any] | None:
-    """Operations of a constant or a formula."""
-    return steps_of(Scalar(constant, names)) if isinstance(constant, str) else [float(constant)]
+def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Any]:
+    """Arrays and sizes of the program of a law."""
+    program = law.program
+    whole = {key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")} | {"kinds": law.kinds}
+    tree: dict[str, Any] = {key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in whole.items()}
+    numbers = {"numbers": program.numbers, "low": law.low, "high": law.high}
+    tree |= {key: arrays.put(f"{name}_{key}", values) for key, values in numbers.items()}
+    sizes = zip(("strains", "unknowns", "memory", "constants"), law.coded[1], strict=False)
+    return tree | {"sizes": dict(sizes), "registers": program.registers, "limited": bool(law.reason)}
 
 
 def fixed(model: CondensedFlowModel) -> list[int]:

@@ -29,9 +29,8 @@ DRAWN = 12_000
 """Most nodes of the drawn mesh."""
 SCRIPTS = 150_000
 """Most bytes of a page without its arrays."""
-PARTS = tuple(
-    "page.css model.js bound.js law.js floating.js flow.js path.js drawing.js plots.js field.js view.js".split()
-)
+_SCRIPTS = "model bound law floating programs flow path drawing plots field view".split()
+PARTS = ("page.css", *(f"{name}.js" for name in _SCRIPTS))
 """Files that replace their names in ``page.html``."""
 LAW = "law.js"
 """Place of the script of a law of interfaces, which its plug-in has."""
@@ -117,7 +116,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    needed = {"flow.js": flows(model)}
+    needed = dict.fromkeys(("programs.js", "flow.js"), flows(model))
     needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
     marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS if part != LAW}
     marked[f"/*{LAW}*/"] = page_of(model.law, "a page").script.read_text("utf-8") if model.law.plugin else ""

@@ -8,17 +8,17 @@ const ways = (() => {
   class Past {
     constructor(most) { this.most = most; this.clear(); }
 
-    clear() { this.points = []; this.numbers = []; }
+    clear() { this.points = []; this.numbers = []; this.times = []; }
 
-    add(point, numbers) {
-      this.points.push(point);
-      this.numbers.push(numbers);
-      if (this.points.length > this.most) { this.points.shift(); this.numbers.shift(); }
+    add(point, numbers, time) {
+      const kept = [[this.points, point], [this.numbers, numbers], [this.times, time]];
+      kept.forEach(([line, value]) => line.push(value));
+      if (this.points.length > this.most) kept.forEach(([line]) => line.shift());
     }
 
     /* The path as a table for `model.march`: a time and the parameters of each line. */
     table(names) {
-      return [["time", ...names], ...this.points.map((point, k) => [k, ...point])].map((row) => row.join("\t")).join("\n");
+      return [["time", ...names], ...this.points.map((point, k) => [this.times[k] ?? k, ...point])].map((row) => row.join("\t")).join("\n");
     }
   }
 

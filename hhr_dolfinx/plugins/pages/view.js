@@ -264,7 +264,7 @@
     if (!goes) past.clear();
     for (answer of goes ? marching.went(state, next) : marching.begun(next)) {
       state = answer;
-      past.add(answer.point, answer.converged ? rows().filter(([, value]) => value !== null) : []);
+      past.add(answer.point, answer.converged ? rows().filter(([, value]) => value !== null) : [], answer.time);
     }
     if (!state || next.some((x, k) => state.point[k] !== x)) answer = { ...model.nothing(next), statuses: [] };
   }
@@ -334,7 +334,18 @@
     if (drawn.length === 1) at("over").value = drawn[0];
     for (const id of ["over", "drawn"]) at(id).addEventListener("input", showWay);
     at("anew").addEventListener("click", () => { state = null; changed(); });
+    if (flowing?.rated) readyPace();
     at("keep").addEventListener("click", () => copied(past.table(tree.names)));
+  }
+
+  /* The duration of moves, where laws depend on it. */
+  function readyPace() {
+    for (const id of ["pace", "hold"]) at(id).hidden = false;
+    at("seconds").addEventListener("change", () => {
+      if (Number(at("seconds").value) > 0) flowing.seconds = Number(at("seconds").value);
+      at("seconds").value = flowing.seconds;
+    });
+    at("hold").addEventListener("click", () => changed());
   }
 
   async function copied(text) {

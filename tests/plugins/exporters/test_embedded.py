@@ -1,6 +1,5 @@
 """A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python; what is refused."""
 
-import copy
 import ctypes
 import dataclasses
 import platform
@@ -8,7 +7,6 @@ import shutil
 import subprocess
 import zipfile
 from functools import cache
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import contract
@@ -363,7 +361,7 @@ int ask(int count, const double *points, double *forces, double *outputs, double
         status = press_go(path, points + k * PRESS_PARAMETERS, own, told);
 #ifdef PRESS_POINTS
         (void)statuses;
-        memcpy(reached + (k - 1) * PRESS_POINTS, path->state->cumulated, sizeof path->state->cumulated);
+        memcpy(reached + (k - 1) * PRESS_POINTS, path->state->memory + PRESS_SIZE, PRESS_POINTS * sizeof(double));
 #else
         for (int i = 0, c = PRESS_CONTACTS; i < c && !status; i++) {
             double *slip = reached + ((k - 1) * c + i) * 3;
@@ -394,8 +392,8 @@ def flowing(name):
     """Condensed flow, and a path that pushes and lets go."""
     from test_flow_pages import cycle, pair, yielding
 
-    if name == "moduli":
-        return pair()[1], [point for _, point in cycle(2.9)]
+    if name != "outputs":
+        return pair(name)[1], [point for _, point in cycle(2.9)]
     return yielding()[1], [np.array(point) for _, point in contract.path(0.04)]
 
 
@@ -484,7 +482,7 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
 
 @needs("inelastic", "moduli")
 @compiled
-@pytest.mark.parametrize("name", ["moduli", "outputs"])
+@pytest.mark.parametrize("name", ["moduli", "outputs", "back stresses, creep", "cone, heat"])
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
     model, path = flowing(name)
     made, room = increments(tmp_path, model)
@@ -529,24 +527,6 @@ int main(void) {{
         pytest.skip("the compiler has no sanitisers")
     done = subprocess.run([tmp_path / "press"], capture_output=True, text=True)
     assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
-
-
-@needs("inelastic", "moduli")
-def test_flow_that_c_does_not_know_is_refused_by_name():
-    """By its answers: a law of a user may have the same name."""
-    from hhr_dolfinx.forms.laws import closed
-    from hhr_dolfinx.plugins.inelastic.law import program_of
-
-    model = copy.copy(flowing("outputs")[0])
-
-    def statement(self, at):
-        return closed(at, lambda trial, stiff: at.old.cumulated + trial / (2 * stiff))
-
-    namesake = type("Plasticity", (hhr.Plasticity,), {"statement": statement})
-    for law in (hhr.Norton(1.0, 2.0), namesake(1.0, 2.0)):
-        model.flow = SimpleNamespace(groups=[SimpleNamespace(law=program_of(law, 4), coordinates=())])
-        with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
-            c_header.c_header(model, "press")
 
 
 @compiled

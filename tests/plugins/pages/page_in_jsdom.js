@@ -43,6 +43,7 @@ const ACTS = {
   write: (name, value) => { const input = document.querySelector(`input[aria-label="${name}, a number"]`); input.value = value; input.dispatchEvent(event("change")); },
   choose: (id, value) => { at(id).value = value; at(id).dispatchEvent(event("input")); },
   click: (id) => at(id).click(),
+  set: (id, value) => { at(id).value = value; at(id).dispatchEvent(event("change")); },
   key: (id, key) => at(id).dispatchEvent(event("keydown", { key })),
   drag: (id, ...places) => places.forEach(([x, y], k) => at(id).dispatchEvent(event(k ? "pointermove" : "pointerdown", { clientX: x, clientY: y, pointerId: 1, buttons: 1 }))),
   wheel: (id, deltaY) => at(id).dispatchEvent(event("wheel", { deltaY })),

@@ -43,9 +43,18 @@ console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 
-def two_bodies():
+LAWS = {
+    "moduli": (hhr.Plasticity(0.05, 0.2), None),
+    "back stresses, creep": (hhr.Chaboche("0.03 + 0.01 * x", ((0.5, 20.0),), 0.01, 30.0), hhr.Norton("0.2 * E1", 4.0)),
+    "cone, heat": (hhr.DruckerPrager(0.05, 0.2, 0.1), hhr.Heated(hhr.Norton(3.0, 4.0), 0.002, "0.3 * E1 + y")),
+}
+"""Laws of both bodies."""
+
+
+def two_bodies(name="moduli"):
     """Two blocks in the plane, pushed together, of which one yields, whose E is a parameter."""
-    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, hhr.Plasticity(0.05, 0.2)), hhr.Body(two_blocks.SECOND, 5.0, 0.35)
+    laws = LAWS[name]
+    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, laws[0]), hhr.Body(two_blocks.SECOND, 5.0, 0.35, laws[1])
     base, top = pressed_pair("plane_strain", bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
     held = [item for item in base.displacements if not item.amplitude.slopes]
     moved = hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0))
@@ -54,9 +63,9 @@ def two_bodies():
 
 
 @cache
-def pair():
+def pair(name="moduli"):
     """Full model, condensed flow, histories."""
-    full = hhr.FullOrderModel(two_bodies())
+    full = hhr.FullOrderModel(two_bodies(name))
     histories = [full.march(cycle(young), TIGHT) for young in (2.0, 4.0)]
     return full, condensed(full, histories)
 
@@ -126,6 +135,15 @@ def test_increments_of_flow_are_those_of_python_where_moduli_vary():
     assert points[0].tolist() == [0.0, 3.1] and points[-1].tolist() == [0.04, 3.1] and len(points) == 1 + 27
     last = model.march([(float(k), point) for k, point in enumerate(points)], EXACT).answers[-1]
     np.testing.assert_allclose(begun[-1]["forces"], last.forces(), rtol=0, atol=1e-9 * last.forces().max())
+
+
+@in_node
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "moduli"])
+def test_laws_on_a_page_are_those_of_python(name):
+    """With unknowns, memory, rates, fields, heat, and a stress that depends on pressure."""
+    full, model = pair(name)
+    scenery = hhr.scenery_of(full)
+    check_alike(model, scenery, cycle(2.9), marched(model, scenery, cycle(2.9)))
 
 
 @in_node

@@ -11,9 +11,11 @@ import contract
 import numpy as np
 import pytest
 from bare import WAIT
+from condensing import FINE as QUIET
 from needs import needs
 from test_pages import NODE, drawn_field, in_space, known, made, rubbed
 
+import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.pages import page
 
 PLACES = ("/usr/share/nodejs", "/usr/lib/node_modules", "/usr/local/lib/node_modules")
@@ -201,7 +203,7 @@ def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
     _, model, scenery = made(rubbed("Coulomb"))
     acts = (("slide", "shear", "-0.05"), ("click", "keep"), ("choose", "drawn", "1"), ("click", "anew"))
     first, sheared, _, chosen, anew = shown(page.page_text(model, scenery), "push=0.03&shear=0.05", *acts)
-    assert set(first["hidden"]) == set() and "What has slipped is remembered" in first["texts"]["memory"]
+    assert set(first["hidden"]) == {"pace", "hold"} and "What has slipped is remembered" in first["texts"]["memory"]
     lines = [line.split("\t") for line in anew["copied"].splitlines()]
     assert lines[0] == ["time", "push", "shear"]
     path = [(float(time), np.array([float(item) for item in point])) for time, *point in lines[1:]]
@@ -221,3 +223,22 @@ def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
     # one point of the curve for each increment; another number is another curve
     curves = [drawn(view, "loop", "lineTo") for view in (sheared, chosen)]
     assert len(curves[0]) >= len(path) - 1 and curves[0] != curves[1]
+
+
+@needs("inelastic", "moduli")
+def test_creep_goes_on_where_a_load_is_held():
+    """For the seconds that are given; a copied path has its times."""
+    from test_flow_pages import pair
+
+    model, scenery = pair("back stresses, creep")[1], hhr.scenery_of(pair("back stresses, creep")[0])
+    acts = (("set", "seconds", "500"), ("click", "hold"), ("click", "keep"))
+    first, _, held, copied = shown(page.page_text(model, scenery), "push=0.04&E1=3", *acts)
+    assert "pace" not in first["hidden"] and "hold" not in first["hidden"]
+    path = [list(map(float, line.split("\t"))) for line in copied["copied"].splitlines()[1:]]
+    times = np.array(path)[:, 0]
+    assert times[-11] == pytest.approx(1.0) and times[-1] == pytest.approx(501.0)
+    assert np.diff(times[-11:]) == pytest.approx(50.0)
+    answer = model.march([(time, np.array(point)) for time, *point in path], QUIET).answers[-1]
+    rows = [rows_of(view) for view in (first, held)]
+    relaxed, loaded = float(rows[1]["sum of forces"]), float(rows[0]["sum of forces"])
+    assert relaxed == pytest.approx(answer.forces().sum(), rel=1e-5) and relaxed < 0.98 * loaded

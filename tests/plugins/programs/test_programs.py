@@ -1,11 +1,15 @@
 """Programs of formulas in UFL: values, derivatives, what they share, and what is refused."""
 
 import math
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 import ufl
 
+import hhr_dolfinx
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
 from hhr_dolfinx.plugins.programs.graph import OPERATIONS, Graph
@@ -150,3 +154,38 @@ def test_what_programs_cannot_state_is_said():
     with pytest.raises(SceneError, match=r"BesselJ is no operation of a program, in .*: state it by sums"):
         made(lambda x: ufl.bessel_J(1, x), x=1)
     assert set(CODES) == set(OPERATIONS) and CODES["add"] == 0
+
+
+@pytest.mark.parametrize("language", ["js", "c"])
+def test_operations_have_the_same_numbers_and_values_elsewhere(language, tmp_path):
+    """Pages and C evaluate programs by machines that know the operations by their numbers."""
+    tool = shutil.which({"js": "node", "c": "cc"}[language])
+    if tool is None:
+        pytest.skip("there is nothing to run it")
+    folder = Path(hhr_dolfinx.__file__).parent / "plugins"
+    calls = [(code, *given) for code in CODES.values() for given in ((0.3, 0.7, 2.0), (0.7, 0.3, 2.0), (0.0, 0.5, 0.5))]
+    if language == "js":
+        script = f"const {{ OPERATIONS }} = require({str(folder / 'pages' / 'programs.js')!r});"
+        script += (
+            f"for (const [code, ...given] of {[list(call) for call in calls]}) console.log(OPERATIONS[code](...given));"
+        )
+        command = [tool, "-e", script]
+    else:
+        text = (folder / "exporters" / "programs.h").read_text()
+        function = text[text.index("static inline double model_operation") : text.index("static inline void model_run")]
+        lines = "".join(f'printf("%.17g\\n", model_operation({code}, {a}, {b}, {c}));' for code, a, b, c in calls)
+        source = tmp_path / "all.c"
+        source.write_text(f"#include <math.h>\n#include <stdio.h>\n{function}\nint main(void) {{ {lines} }}")
+        subprocess.run([tool, "-std=c99", "-o", "all", "all.c", "-lm"], cwd=tmp_path, check=True)
+        command = [tmp_path / "all"]
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    for (code, *given), word in zip(calls, told, strict=True):
+        row = [
+            code,
+            3,
+            *(k if k < count else 0 for k, count in zip(range(3), [list(OPERATIONS.values())[code]] * 3, strict=True)),
+        ]
+        program = Program(np.array([row]), np.zeros(0), np.array([1]), np.array([3]), np.array([1]), 3, 4)
+        exact = evaluated(program, np.array(given)[:, None])[0, 0]
+        found = float(word.replace("Infinity", "inf"))
+        assert found == pytest.approx(exact, rel=1e-15, nan_ok=True), list(OPERATIONS)[code]
