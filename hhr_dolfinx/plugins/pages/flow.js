@@ -68,14 +68,15 @@
 
     /* Memory at the end of a step; null if a law has no answer. `visit` takes each point with its law, which was solved there. */
     updated({ constants, before, dt }, strain, visit) {
-      const { points, components } = this, found = Float64Array.from(before.memory), own = new Float64Array(components);
+      const { points, components } = this, found = Float64Array.from(before.memory), own = new Float64Array(components), old = new Float64Array(this.rows);
       let k = 0;
       for (const { points: count, law } of this.groups) for (const end = k + count; k < end; k++) {
         if (!law) continue;
-        const old = Float64Array.from({ length: law.sizes.memory }, (_, i) => before.memory[i * points + k]);
+        const { memory } = law.sizes;
+        for (let i = 0; i < memory; i++) old[i] = before.memory[i * points + k];
         for (let i = 0; i < components; i++) own[i] = strain[i * points + k];
         if (!law.solve(own, old, dt, constants[k])) return null;
-        law.memory.forEach((value, i) => { found[i * points + k] = value; });
+        for (let i = 0; i < memory; i++) found[i * points + k] = law.memory[i];
         visit?.(k, law);
       }
       return found;

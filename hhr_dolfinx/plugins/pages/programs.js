@@ -32,7 +32,8 @@
     run(part) {
       const { rows, work } = this, end = 5 * this.ends[part];
       for (let k = part ? 5 * this.ends[part - 1] : 0; k < end; k += 5) {
-        work[rows[k + 1]] = OPERATIONS[rows[k]](work[rows[k + 2]], work[rows[k + 3]], work[rows[k + 4]]);
+        const code = rows[k], a = work[rows[k + 2]], b = work[rows[k + 3]];
+        work[rows[k + 1]] = code === 2 ? a * b : code === 0 ? a + b : code === 1 ? a - b : OPERATIONS[code](a, b, work[rows[k + 4]]); // most are these
       }
     }
 
@@ -43,10 +44,10 @@
     /* Stress and memory at the end of a step, in `stress` and `memory`; false without an answer. */
     solve(strain, old, dt, constants) {
       const { strains: c, unknowns: n, memory } = this.sizes, { work } = this;
-      work.set(strain);
-      work.set(old, this.firstMemory);
+      for (let i = 0; i < c; i++) work[i] = strain[i];
+      for (let i = 0; i < memory; i++) work[this.firstMemory + i] = old[i];
       work[this.firstConstant - 1] = dt;
-      work.set(constants, this.firstConstant);
+      for (let i = 0; i < constants.length; i++) work[this.firstConstant + i] = constants[i];
       this.run(TRIAL);
       this.solved = n > 0 && !(this.output_ends[TRIAL] > 0 && this.out(TRIAL, 0) <= 0);
       if (this.solved) {
