@@ -26,6 +26,7 @@ LAWS = {
     "Hill": hhr.Hill(250.0, 2000.0, 0.6, 0.4, 0.5, 1.5, 1.6, 1.4, TURNED),
     "orthotropic": hhr.Orthotropic(*WOOD, frame=TURNED),
     "Lemaitre": hhr.Lemaitre(250.0, 20e3, 5.0),
+    "stiffness": hhr.ChangingStiffness(hhr.Chaboche(200.0, ((60e3, 600.0),)), 150e3),
     "heated": hhr.Heated(hhr.Chaboche(200.0, ((60e3, 600.0),)), 1e-5, 300.0, 20.0),
     "neo-Hooke": NeoHooke(),
     "Mooney-Rivlin": MooneyRivlin(0.3),

@@ -397,6 +397,19 @@ def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str)
     return found._replace(memory={**found.memory, kept: grown})
 
 
+def changing_stiffness(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
+    """Another law with a Young's modulus of its own, whose strain without stress, ε - C^-1 σ by its C, is kept.
+
+    ``names`` is that of the modulus, ``kept`` that of the memory.
+    """
+    constants = SimpleNamespace(**{**vars(at.constants), "young": getattr(at.constants, names[0])})
+    old = SimpleNamespace(**{**vars(at.old), "inelastic": getattr(at.old, kept)})
+    found = law(at._replace(constants=constants, old=old))
+    poisson = constants.poisson
+    strained = ((1 + poisson) * found.stress - poisson * trace(found.stress) * unit(at.strain)) / constants.young
+    return found._replace(memory={**found.memory, kept: at.strain - strained})
+
+
 def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0, and a memory.
 

@@ -49,6 +49,7 @@ from .plugins.greedy.lattice import Lattice as Lattice
 from .plugins.inelastic.law import Law as Law
 from .plugins.inelastic.laws import Arrhenius as Arrhenius
 from .plugins.inelastic.laws import Chaboche as Chaboche
+from .plugins.inelastic.laws import ChangingStiffness as ChangingStiffness
 from .plugins.inelastic.laws import DruckerPrager as DruckerPrager
 from .plugins.inelastic.laws import Heated as Heated
 from .plugins.inelastic.laws import Hill as Hill

@@ -14,8 +14,8 @@ _HERE = "hhr_dolfinx.plugins.inelastic"
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "inelastic"
 _LAWS = (
-    "Arrhenius Chaboche DruckerPrager Heated Hill Lemaitre Norton Orthotropic Plasticity PlasticityWithCreep "
-    "PrimaryCreep TabulatedHardening Voce"
+    "Arrhenius Chaboche ChangingStiffness DruckerPrager Heated Hill Lemaitre Norton Orthotropic Plasticity "
+    "PlasticityWithCreep PrimaryCreep TabulatedHardening Voce"
 )
 
 

@@ -8,7 +8,7 @@ history has the constants of the parameter at its end. For a user-defined law se
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
@@ -380,23 +380,17 @@ class _Elastic(Law):
 
 
 @dataclass(frozen=True)
-class Heated(Law):
-    """Another law, of the strain without α (T - T0) 1.
-
-    Attributes:
-        law: the other law; None for elasticity.
-        expansion: α in 1/K.
-        temperature, reference: T and T0.
-    """
+class _Around(Law):
+    """Base of laws around another one, ``law``, or elasticity, with constants and a memory of their own."""
 
     law: Law | None
-    expansion: float | str
-    temperature: float | str
-    reference: float | str = 0.0
+    remembers: ClassVar[tuple[str, int]]  # name and size of its memory
+    bounded: ClassVar[Mapping[str, tuple[float, float]]] = {}  # limits of its constants
+    stated: ClassVar[str]
 
     def __post_init__(self) -> None:
         if not (self.law is None or isinstance(self.law, Law)):
-            raise SceneError(f"{self.law!r} is no law: give hhr.Heated a law, or None for elasticity")
+            raise SceneError(f"{self.law!r} is no law: give hhr.{self.name} a law, or None for elasticity")
         super().__post_init__()
 
     @property
@@ -406,7 +400,7 @@ class Heated(Law):
     @property
     def memory(self) -> Mapping[str, int]:  # type: ignore[override]
         """See :class:`Law`."""
-        return {**self._inner.memory, self._kept: NUMBER}
+        return {**self._inner.memory, self._kept: self.remembers[1]}
 
     @property
     def unknowns(self) -> Mapping[str, int]:  # type: ignore[override]
@@ -416,7 +410,7 @@ class Heated(Law):
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
         """See :class:`Law`."""
-        return self._inner.limits
+        return {**self._inner.limits, **{self._own[name]: ends for name, ends in self.bounded.items()}}
 
     @property
     def elastic(self) -> bool:  # type: ignore[override]
@@ -425,13 +419,13 @@ class Heated(Law):
 
     @property
     def _own(self) -> dict[str, str]:
-        """Names of its constants by field: others than those of the law, which may have a temperature too."""
+        """Names of its constants by field: others than those of the law, which may have one of the same name."""
         known = self._inner.constants()
-        return {name: _unused(name, known) for name in ("expansion", "temperature", "reference")}
+        return {item.name: _unused(item.name, known) for item in fields(self) if item.name != "law"}
 
     @property
     def _kept(self) -> str:
-        return _unused("swelling", self._inner.memory)
+        return _unused(self.remembers[0], self._inner.memory)
 
     def constants(self) -> dict[str, float | str]:
         """See :class:`Law`."""
@@ -439,15 +433,48 @@ class Heated(Law):
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
-        from hhr_dolfinx.forms.laws import heated
+        from hhr_dolfinx.forms import laws
 
-        return heated(at, self._inner.statement, tuple(self._own.values()), self._kept)
+        stated: Stated = getattr(laws, self.stated)(at, self._inner.statement, tuple(self._own.values()), self._kept)
+        return stated
+
+
+@dataclass(frozen=True)
+class Heated(_Around):
+    """Another law, of the strain without α (T - T0) 1.
+
+    Attributes:
+        law: the other law; None for elasticity.
+        expansion: α in 1/K.
+        temperature, reference: T and T0.
+    """
+
+    expansion: float | str
+    temperature: float | str
+    reference: float | str = 0.0
+    remembers: ClassVar = ("swelling", NUMBER)
+    stated: ClassVar = "heated"
+
+
+@dataclass(frozen=True)
+class ChangingStiffness(_Around):
+    """Another law with an E of its own, which may change along a path, as with temperature.
+
+    Attributes:
+        law: the other law; None for elasticity.
+        modulus: this E, a number or a formula; that of the body is a typical value.
+    """
+
+    modulus: float | str
+    remembers: ClassVar = ("unloaded", TENSOR)
+    bounded: ClassVar = {"modulus": POSITIVE}
+    stated: ClassVar = "changing_stiffness"
 
 
 def _unused(name: str, known: Mapping[str, object]) -> str:
-    """A name that is not known, by ``_of_heat`` as often as necessary."""
+    """A name that is not known, with ``_of_outer`` as often as necessary."""
     while name in known:
-        name += "_of_heat"
+        name += "_of_outer"
     return name
 
 

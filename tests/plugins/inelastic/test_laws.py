@@ -223,6 +223,18 @@ def test_heat_strains_without_stress_and_is_not_taken_for_flow():
         assert held.step({0: strain}) == pytest.approx(plain.step({0: strain - 2.8e-3}), abs=1e-6)
 
 
+def test_a_stiffness_that_changes_keeps_the_plastic_strain():
+    """Held where it yielded and softened by heat, the body has E (ε - εp), and yields again at its hardening."""
+    point, plain = Point(hhr.ChangingStiffness(LAWS["linear"], 200e3)), Point(LAWS["linear"], young=200e3)
+    loaded = point.step({0: 3e-3})[0]
+    assert loaded == pytest.approx(plain.step({0: 3e-3})[0], rel=1e-10)
+    point.given = point.program.with_numbers({"modulus": 100e3}).given(YOUNG, POISSON)
+    assert point.step({0: 3e-3})[0] == pytest.approx(loaded / 2, rel=1e-9)
+    assert point.step({0: 1e-2})[0] == pytest.approx((250 + 2000 * 1e-2) / (1 + 2000 / 100e3), rel=1e-9)
+    with pytest.raises(SceneError, match="modulus = -1.0 of ChangingStiffness must be a number above 0"):
+        hhr.ChangingStiffness(None, -1.0)
+
+
 @pytest.mark.parametrize("name", ["Arrhenius", "heated", "orthotropic", None])
 def test_heat_around_a_law_that_has_a_temperature_too_keeps_both(name):
     """Held, the stress is that of the law at the strain without heat; names of the law are its own."""
