@@ -43,8 +43,8 @@ def at_rest(program, points=1):
 class Point:
     """A point of a law, at rest; ``given`` components have strains, all others stresses."""
 
-    def __init__(self, law, components=6, young=YOUNG, poisson=POISSON):
-        self.program = program_of(law, components)
+    def __init__(self, law, components=6, young=YOUNG, poisson=POISSON, **kind):
+        self.program = program_of(law, components, **kind)
         self.given = self.program.given(young, poisson)
         self.strain, self.state = np.zeros(components), at_rest(self.program)
 

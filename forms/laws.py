@@ -411,16 +411,16 @@ def changing_stiffness(at: At, law: Callable[[At], Stated], names: Sequence[str]
 
 
 def thin(at: At, law: Callable[[At], Stated]) -> Stated:
-    """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0, and a memory.
+    """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0.
 
-    ε - C^-1 σ lacks it, as the strain that is given has no component across.
+    Its inelastic part is kept, as the strain that is given, and so ε - C^-1 σ, has no component across.
     """
     across = at.unknown.across
-    unit_across = ufl.as_vector([0, 0, 1, 0])
     old = SimpleNamespace(**vars(at.old))
-    old.inelastic = at.old.inelastic + at.old.across * unit_across
+    inside = at.old.inelastic
+    old.inelastic = ufl.as_vector([inside[0], inside[1], at.old.across, inside[3]])
     poisson = at.constants.poisson
-    elastic = -poisson / (1 - poisson) * (at.strain[0] + at.strain[1])
+    elastic = at.old.across - poisson / (1 - poisson) * (at.strain[0] + at.strain[1] - inside[0] - inside[1])
     strains = [ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]]) for third in (across, elastic)]
     found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
     names = [name for name in vars(at.unknown) if name != "across"]
@@ -432,7 +432,11 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
             for left, name in zip(residual, names, strict=True)
         ]
     return found._replace(
-        memory={**found.memory, "across": across},
+        memory={
+            **found.memory,
+            "across": across + poisson / at.constants.young * (found.stress[0] + found.stress[1]),
+        },
+        stress=ufl.as_vector([found.stress[0], found.stress[1], 0, found.stress[3]]),
         residual=[*residual, found.stress[2] / at.constants.young],
         trial=None,
         start={**first.start, "across": elastic},

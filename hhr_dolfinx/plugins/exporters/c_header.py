@@ -253,6 +253,7 @@ class _Data:
             modes, size = self.arrays[flow["per_mode"]].shape
             points = self.arrays[flow["parts"]].size
             sizes |= {"MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(flow["groups"])}
+            sizes["DIAGONAL"] = flow["diagonal"]
             sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
             laws = [group["law"] for group in flow["groups"] if group["law"]]
             sizes |= {

@@ -62,7 +62,7 @@ static inline void model_set_tested(model_path *p) {
             const double *own = model_per_mode + (size_t)j * MODEL_SIZE + k;
             const double pressed = model_weights[k] * (own[0] + own[n] + own[2 * n]);
             for (int i = 0; i < MODEL_COMPONENTS; i++)
-                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[n + k] * own[i * n] + (i < 3 ? pressed : 0);
+                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[n + k] * own[i * n] + (i < MODEL_DIAGONAL ? pressed : 0);
         }
     p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
 }

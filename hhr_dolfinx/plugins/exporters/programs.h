@@ -134,7 +134,7 @@ static inline void model_set_inelastic(model_place *p, const double *strain, con
     const double mean = p->stress[0] + p->stress[1] + p->stress[2];
     double size = 0, change = 0;
     for (int i = 0; i < MODEL_COMPONENTS; i++) {
-        const double pressed = i < 3 ? constants[1] * mean : 0;
+        const double pressed = i < MODEL_DIAGONAL ? constants[1] * mean : 0;
         p->memory[i] = strain[i] - ((1 + constants[1]) * p->stress[i] - pressed) / constants[0];
         size = fmax(size, fmax(fabs(strain[i]), fabs(old[i])));
         change = fmax(change, fabs(p->memory[i] - old[i]));
@@ -185,6 +185,8 @@ static inline int model_set_slopes(const model_program *law, model_place *p, con
     for (int j = 0; j < c; j++) {
         const double mean = p->tangent[j] + p->tangent[c + j] + p->tangent[2 * c + j];
         for (int i = 0; i < c; i++) {
+            slopes[i * c + j] = 0;
+            if (i < 3 && i >= MODEL_DIAGONAL) continue;
             const double pressed = i < 3 ? constants[1] * mean : 0;
             slopes[i * c + j] = (i == j) - ((1 + constants[1]) * p->tangent[i * c + j] - pressed) / constants[0];
             any = any || slopes[i * c + j] != 0;

@@ -144,9 +144,11 @@ class FlowingDomain:
         return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
 
     def work(self, strain: StrainAt) -> Callable[[np.ndarray], np.ndarray]:
-        """Map fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
-        tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
-        return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
+        """Map fields (N, k) to ∫ (G V)^T C dev G u, (ell, k)."""
+        tested = (self.weights[:, None, None] * self.stresses).reshape(-1, self.stresses.shape[2])
+        return lambda columns: np.stack(
+            [tested.T @ deviator(strain.of(column)).ravel() for column in columns.T], axis=1
+        )
 
 
 def _chunks(count: int) -> Iterator[slice]:
@@ -265,9 +267,6 @@ class CorrectionSettings(Reductor["_Shared"]):
         snapshots = task.snapshots
         if full.equilibrium is None:
             raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
-        own = [group.law.name for group in equilibrium_of(full).material.groups if group.law and group.law.elastic]
-        if own:
-            raise ReductionError(f"the elasticity of {own[0]} is not isotropic: take training.build()")
         full.problem.require_whole()
         check_of_problem("snapshots", snapshots, full.problem)
         if snapshots is None or not snapshots.histories or snapshots.columns is not None:
@@ -484,7 +483,7 @@ class _FieldModes:
     plastic: np.ndarray  # modes, as the next
     cumulated: np.ndarray
     displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
-    moduli: np.ndarray  # Lamé's λ and 2 μ of all Gauss points, in the middle of the box
+    elastic: np.ndarray  # C of all Gauss points, in the middle of the box
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
@@ -492,7 +491,7 @@ class _FieldModes:
         problem = full.problem
         equilibrium = equilibrium_of(full)
         states = [item.state for item in states_of(snapshots)]
-        flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
+        flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         elastic = equilibrium.material.moduli_at(problem.middle).elastic
         forces = np.empty((len(problem.free), plastic.shape[1]))
@@ -502,11 +501,12 @@ class _FieldModes:
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
         displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
-        return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
+        return cls(flowed, plastic, cumulated, displacements, elastic)
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
+        elastic, kinds = np.unique(self.elastic, axis=0, return_inverse=True)
         values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)
         return PlasticFields(
@@ -517,5 +517,6 @@ class _FieldModes:
             self.displacements[:, :count],
             equilibrium.operator,
             equilibrium.eigenstrains,
-            self.moduli,
+            elastic,
+            kinds.ravel(),
         )

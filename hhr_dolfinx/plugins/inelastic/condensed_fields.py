@@ -53,7 +53,8 @@ class PlasticFields:
     moved: Annotated[Floats, "N", "plastic modes"]  # K^-1 ∫ G^T C Φ of each mode of the plastic strain
     strain: StrainOperator  # ε(u) at all Gauss points
     unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]  # strains without stress
-    moduli: Annotated[Floats, "gauss points", "2"]  # Lamé's λ and 2 μ in the middle of the box
+    elastic: Annotated[Floats, "kinds", "components", "components"]  # different C in the middle of the box
+    kinds: Annotated[Integers, "gauss points", "< kinds"]  # that of each Gauss point
 
     def __post_init__(self) -> None:
         """Convert the arrays to the layout of files."""
@@ -63,21 +64,26 @@ class PlasticFields:
         """Faults: points that do not increase, moduli that are not positive, strain and modes of other sizes."""
         if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
             yield "the points that flowed must increase, those where laws are evaluated among them"
-        if not (self.moduli[:, 1] > 0).all() or not (3 * self.moduli[:, 0] + self.moduli[:, 1] > 0).all():
-            yield "moduli of a Gauss point are not positive"
+        if not (np.linalg.eigvalsh(self.elastic) > 0).all():
+            yield "the elasticity of a Gauss point is not positive definite"
         components = self.strain.components
         count = self.plastic.modes.shape[1]
         found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
         wanted = (self.flowed.size * components, count, count, self.points.size * components, self.flowed.size)
         if found != wanted or self.moved.shape[1] != count or self.cumulated.fit.shape[1] != self.points.size:
             yield f"modes of the plastic strain have sizes {found}, and not {wanted}"
-        if self.strain.weights.size != len(self.moduli) or self.strain.size != len(self.moved):
-            yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {len(self.moduli)} points"
+        if self.strain.weights.size != self.places or self.strain.size != len(self.moved):
+            yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {self.places} points"
 
     @property
     def places(self) -> int:
         """Number of Gauss points of the full model."""
-        return len(self.moduli)
+        return len(self.kinds)
+
+    @cached_property
+    def shear(self) -> np.ndarray:
+        """2 μ of each Gauss point, or of anisotropic ones that of the last component, (Gauss points,)."""
+        return self.elastic[self.kinds, -1, -1]
 
     def stress_of(self, answer: Answer) -> np.ndarray:
         """Stress of an answer, which depends on its elastic part: that of its fields."""
@@ -105,9 +111,9 @@ class PlasticFields:
         if self.unstressed.nnz:
             found -= (self.unstressed @ theta).reshape(found.shape)
         found[self.flowed] -= (self.plastic.modes @ shares).reshape(self.flowed.size, -1)
-        volume = self.moduli[:, 0] * found[:, :3].sum(axis=1)
-        found *= self.moduli[:, 1:]
-        found[:, :3] += volume[:, None]
+        for kind, elastic in enumerate(self.elastic):
+            own = self.kinds == kind
+            found[own] = found[own] @ elastic
         return found
 
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
@@ -133,7 +139,7 @@ class PlasticFields:
         shown = self.shown.reshape(count, components, -1)
         own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
         open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
-        ways *= np.sqrt(self.moduli[self.points, 1, None] / np.maximum(open_, LEAST))[:, None]
+        ways *= np.sqrt(self.shear[self.points, None] / np.maximum(open_, LEAST))[:, None]
         return ways @ ways.swapaxes(1, 2)
 
 

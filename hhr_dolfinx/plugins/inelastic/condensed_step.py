@@ -10,7 +10,7 @@ meaningful. The few points Z integrate the stress of the correction in inelastic
 linear in g and λ, and computed exactly. Summed over Z, with weights w, that is
 
     R(g) = sum of w (G V)^T C ε_p - Q g - P (λ - λ_e),
-    Q = I - (∫ - sum of w) (G V)^T 2 μ dev G V,      P = (∫ - sum of w) (G V)^T 2 μ dev G K^-1 B^T,
+    Q = I - (∫ - sum of w) (G V)^T C dev G V,      P = (∫ - sum of w) (G V)^T C dev G K^-1 B^T,
 
 so that Q and P correct the error of the cubature when ε_p follows dev ε, as in slow creep: the tangent stays definite
 there. With Q = I and P = 0 its sign would change with the errors of the weights. On statuses A, with

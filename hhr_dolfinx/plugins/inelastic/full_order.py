@@ -18,7 +18,7 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.group import group_of, share
@@ -73,8 +73,6 @@ class GaussModel:
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
         """The Gauss points of a scene; SceneError for a law with inadmissible constants somewhere in the box."""
-        if scene.hypothesis == "plane_stress":
-            raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         for body in scene.bodies:
             names = coordinate_names(scene.hypothesis)
             check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)

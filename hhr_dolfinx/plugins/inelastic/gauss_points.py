@@ -19,6 +19,7 @@ from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.plugins.inelastic.constants import check_law, parameters_of
 from hhr_dolfinx.plugins.inelastic.law import program_of
+from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
@@ -48,7 +49,11 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
     groups = []
     for place, body in enumerate(scene.bodies):
         young = body.young if isinstance(body.young, str) else float(body.young)
-        law = None if body.law is None else program_of(body.law, operator.components)
+        flat = scene.hypothesis == "plane_stress"
+        stated = Elasticity() if body.law is None and flat else body.law
+        law = None if stated is None else program_of(stated, operator.components, plane_stress=flat)
+        if law is not None and law.elastic and isinstance(young, str):
+            raise SceneError(f"body {body.tag} has elasticity of its own, {law.name}: its young must be a number")
         numbers = np.flatnonzero(of_point == place)
         given = Group(numbers, young, float(body.poisson), law)
         names = coordinate_names(scene.hypothesis)
@@ -77,8 +82,7 @@ def stiffness_parts(
         for group in material.groups:
             if group.young == text or (text is None and not isinstance(group.young, str)):
                 young = 1.0 if text is not None else float(group.young)
-                alone = Group(np.arange(1), young, group.poisson, None)
-                elastic[group.indices] = Material([alone], material.components).elastic[0]
+                elastic[group.indices] = replace(group, young=young).elasticity(material.components)
                 acting = True
         if acting:
             parts.append(operator.stiffness(elastic, pattern))
@@ -132,4 +136,6 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
             vector = kelvin(averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
             values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
             found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
+    if discretisation.scene.hypothesis == "plane_stress":  # nothing holds what strains across
+        found[:, :, 2] = 0.0
     return found.ravel()

@@ -182,14 +182,21 @@ class Given(NamedTuple):
     compliance: np.ndarray  # C^-1, (c, c)
 
 
-def hooke(young: float, poisson: float, components: int) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic elasticity C and its compliance C^-1 in Kelvin's notation, (c, c) each."""
+def hooke(
+    young: float, poisson: float, components: int, *, plane_stress: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Isotropic elasticity C and its compliance C^-1 in Kelvin's notation, (c, c) each.
+
+    In plane stress C is that of strains in the plane; strains across are 0 there, and so is their stress.
+    """
     lam, mu = lame_parameters(young, poisson)
+    count = 2 if plane_stress else 3
+    lam = 2 * lam * mu / (lam + 2 * mu) if plane_stress else lam
     unit = np.zeros(components)
-    unit[:3] = 1.0
+    unit[:count] = 1.0
     whole = np.eye(components)
     elastic = lam * np.outer(unit, unit) + 2 * mu * whole
-    return elastic, (whole - lam / (3 * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
+    return elastic, (whole - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +216,7 @@ class LawProgram(Rebuilt):
         rated: whether the answer depends on the duration of a step.
         elastic: whether its constants, and not E and ν, state the elasticity.
         reason: what is wrong beyond its limit; empty without one.
+        plane_stress: whether it is stated for it.
     """
 
     name: str
@@ -224,6 +232,7 @@ class LawProgram(Rebuilt):
     rated: bool
     elastic: bool = False
     reason: str = ""
+    plane_stress: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -305,12 +314,19 @@ class LawProgram(Rebuilt):
             )
         rows = np.broadcast_arrays(young, poisson, *self.values)
         constants = np.array(rows, dtype=float).reshape(len(rows), -1)
+        return Given(constants, *self.elasticity(young, poisson))
+
+    def elasticity(self, young: float, poisson: float) -> tuple[np.ndarray, np.ndarray]:
+        """C and C^-1, (c, c) each; SceneError if a constant that states them is no number."""
         if not self.elastic:
-            return Given(constants, *hooke(young, poisson, self.strains))
+            return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
         at_rest = np.zeros((self.program.inputs, 1))
-        at_rest[-len(constants) :] = constants
+        numbers = [value if is_number(value) else math.nan for value in self.values]
+        at_rest[self.program.inputs - 2 - len(numbers) :, 0] = (young, poisson, *numbers)
         elastic = evaluated(self.program, at_rest, TRIAL, REST, REST_SLOPES).reshape(self.strains, self.strains)
-        return Given(constants, elastic, np.linalg.inv(elastic))
+        if not np.isfinite(elastic).all():
+            raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
+        return elastic, np.linalg.inv(elastic)
 
     def _check(self, result: np.ndarray, strain: np.ndarray) -> None:
         """Raise ConvergenceError for points without an answer, if their strain is a number."""
@@ -333,8 +349,39 @@ def law_sizes(declared: Mapping[str, int], strains: int) -> dict[str, int]:
     return {name: size or strains for name, size in declared.items()}
 
 
-def program_of(law: Law, strains: int) -> LawProgram:
+class _Thin(Law):
+    """Another law in plane stress."""
+
+    def __init__(self, law: Law):
+        if law.elastic or law.finite:
+            raise SceneError(
+                f"{law.name} has elasticity of its own, or large strains, which is not built in for plane stress: take "
+                "plane strain or a solid"
+            )
+        self.law = law
+        self.memory = {**law.memory, "across": NUMBER}  # type: ignore[misc]
+        self.unknowns = {**law.unknowns, "across": NUMBER}  # type: ignore[misc]
+        self.limits = law.limits  # type: ignore[misc]
+
+    @property
+    def name(self) -> str:
+        """See :class:`Law`."""
+        return self.law.name
+
+    def constants(self) -> dict[str, float | str]:
+        """See :class:`Law`."""
+        return self.law.constants()
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        from hhr_dolfinx.forms.laws import thin
+
+        return thin(at, self.law.statement)
+
+
+def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
     """A law as data for strains of 4 or 6 components, or F of 9; SceneError for what programs cannot state."""
+    law = _Thin(law) if plane_stress else law
     made = _Made(law, strains)
     named = law.constants()
     limits = [law.limits.get(name, ANY) for name in named]
@@ -352,6 +399,7 @@ def program_of(law: Law, strains: int) -> LawProgram:
         made.rated,
         law.elastic,
         made.stated.reason,
+        plane_stress,
     )
 
 

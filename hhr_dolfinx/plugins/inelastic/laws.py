@@ -365,7 +365,7 @@ class Lemaitre(_Stated):
     stated: ClassVar = "lemaitre"
 
 
-class _Elastic(Law):
+class Elasticity(Law):
     """Hooke's law."""
 
     def constants(self) -> dict[str, float | str]:
@@ -395,7 +395,7 @@ class _Around(Law):
 
     @property
     def _inner(self) -> Law:
-        return _Elastic() if self.law is None else self.law
+        return Elasticity() if self.law is None else self.law
 
     @property
     def memory(self) -> Mapping[str, int]:  # type: ignore[override]

@@ -48,6 +48,12 @@ class Group:
         if self.coordinates and self.places.shape != (self.indices.size, len(self.coordinates)):
             yield f"places of the shape {self.places.shape} are not one for each of {self.indices.size} points"
 
+    def elasticity(self, components: int) -> np.ndarray:
+        """C, (c, c), for which E must be a number."""
+        if self.law is not None:
+            return self.law.elasticity(_number(self), self.poisson)[0]
+        return hooke(_number(self), self.poisson, components)[0]
+
     def given(self, components: int) -> Given:
         """Constants and elasticity, which must be numbers."""
         if self.law is not None:
@@ -132,8 +138,7 @@ class Material:
         if self._elastic is None:
             elastic = np.empty((self.gauss_points, self.components, self.components))
             for group in self.groups:
-                alone = replace(group, law=group.law if group.law is not None and group.law.elastic else None)
-                elastic[group.indices] = alone.given(self.components).elastic
+                elastic[group.indices] = group.elasticity(self.components)
             # a single assignment, since several threads may evaluate this
             self._elastic = elastic
         return self._elastic

@@ -22,7 +22,7 @@
       this.tested = this.testedBy(own("weights"));
       this.weight = norm(this.tested);
       const halves = own("schur"), count = halves.shape[0], half = halves.length / count;
-      this.groups = flow.groups.map(({ law, places, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law), places: places && model.arrays[places] }));
+      this.groups = flow.groups.map(({ law, places, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law, flow.diagonal), places: places && model.arrays[places] }));
       this.rows = Math.max(this.components + 1, ...this.groups.map(({ law }) => (law ? law.sizes.memory : 0)));
       this.rated = flow.groups.some(({ rated }) => rated);
       this.seconds = 1; // of a move
@@ -35,7 +35,7 @@
       const { ell, size, points, components } = this, found = new Float64Array(ell * size);
       for (let j = 0; j < ell; j++) for (let k = 0; k < points; k++) {
         const at = (i) => j * size + i * points + k, volume = this.per_mode[at(0)] + this.per_mode[at(1)] + this.per_mode[at(2)];
-        for (let i = 0; i < components; i++) found[at(i)] = weights[points + k] * this.per_mode[at(i)] + (i < 3 ? weights[k] * volume : 0);
+        for (let i = 0; i < components; i++) found[at(i)] = weights[points + k] * this.per_mode[at(i)] + (i < this.flow.diagonal ? weights[k] * volume : 0);
       }
       return found;
     }
@@ -269,10 +269,10 @@
 
     /* 1 - C^-1 H of a tangent H. */
     slopes(tangent, [young, poisson]) {
-      const c = this.components;
+      const c = this.components, { diagonal } = this.flow;
       return Float64Array.from({ length: c * c }, (_, place) => {
         const [i, j] = [Math.floor(place / c), place % c], mean = tangent[j] + tangent[c + j] + tangent[2 * c + j];
-        return (i === j ? 1 : 0) - ((1 + poisson) * tangent[place] - (i < 3 ? poisson * mean : 0)) / young;
+        return i < 3 && i >= diagonal ? 0 : (i === j ? 1 : 0) - ((1 + poisson) * tangent[place] - (i < 3 ? poisson * mean : 0)) / young;
       });
     }
 
@@ -316,14 +316,14 @@
 
     /* Stress of the leave-one-out residual of the plastic strain, over the stress at the points with laws. */
     estimate({ strain, plastic, point, gives }) {
-      const { points, components } = this, { modes, scales, without } = this.flow.unforeseen, inner = this.model.arrays[without];
+      const { points, components } = this, { diagonal, unforeseen: { modes, scales, without } } = this.flow, inner = this.model.arrays[without];
       const shown = this.model.arrays[modes], count = scales.length, shares = new Float64Array(count), at = (k, i) => plastic[i * points + k];
       for (let a = 0; a < count; a++) for (let k = 0; k < points; k++) for (let i = 0; i < components; i++) {
         shares[a] += scales[a] ** 2 * shown[(a * points + k) * components + i] * at(k, i);
       }
       let left = 0, stress = 0, place = 0;
       this.groups.forEach(({ points: own, constants }) => {
-        const [E, poisson] = constants.slice(0, 2).map((steps) => hhr.formula(steps, point)), lame = (E * poisson) / ((1 + poisson) * (1 - 2 * poisson)), twice = E / (1 + poisson);
+        const [E, poisson] = constants.slice(0, 2).map((steps) => hhr.formula(steps, point)), lame = (E * poisson) / ((1 + poisson) * (1 - (diagonal - 1) * poisson)), twice = E / (1 + poisson);
         for (let k = place; k < place + own; k++) {
           const open = [], strains = [];
           for (let i = 0; i < components; i++) {
@@ -337,7 +337,7 @@
             let value = 0;
             for (let j = 0; j < components; j++) value += inner[(k * components + i) * components + j] * open[j];
             left += (value / gives[this.parts[k]]) ** 2;
-            stress += (twice * strains[i] + (i < 3 ? lame * volume : 0)) ** 2;
+            stress += (twice * strains[i] + (i < diagonal ? lame * volume : 0)) ** 2;
           }
         }
         place += own;

@@ -19,6 +19,7 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
+from hhr_dolfinx.plugins.pages.flowing import diagonal
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
@@ -45,9 +46,9 @@ def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
 
 
 class CellMeans:
-    """Deviators of the stress of cells, (c,), as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
+    """Stresses of cells, (c,), as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
 
-    The third component is left out: a deviator has no trace.
+    They are deviators, except in plane stress. The third component is left out: it follows from the others, or is 0.
     """
 
     def __init__(self, model: CondensedFlowModel, cells: np.ndarray):
@@ -58,17 +59,19 @@ class CellMeans:
         self._shares = shares
         self._points = points
         part = np.eye(operator.components)
-        part[:3, :3] -= 1 / 3
+        self.plane_stress = diagonal(model.flow) == 2
+        if not self.plane_stress:
+            part[:3, :3] -= 1 / 3
         self._part = np.delete(part, 2, axis=0)
-        scaled = shares * flow.moduli[points, 1]
-        gradients = np.einsum("cp,kj,cpjd->ckd", scaled, self._part, operator.gradients[cells], optimize=True)
+        scaled = shares[:, :, None, None] * (self._part @ flow.elastic)[flow.kinds[points]]
+        gradients = np.einsum("cpkj,cpjd->ckd", scaled, operator.gradients[cells], optimize=True)
         self.of_displacements = _sparse(gradients, operator.dofs[cells], operator.size)
-        strains = np.einsum("cp,kj->ckpj", scaled, self._part).reshape(len(cells), len(self._part), -1)
+        strains = scaled.swapaxes(1, 2).reshape(len(cells), len(self._part), -1)
         places = points[:, :, None] * operator.components + np.arange(operator.components)
-        self.of_strains = _sparse(strains, places.reshape(len(cells), -1), len(flow.moduli) * operator.components)
+        self.of_strains = _sparse(strains, places.reshape(len(cells), -1), flow.places * operator.components)
 
     def stressed(self, stress: np.ndarray) -> np.ndarray:
-        """Deviators for a stress at all Gauss points, (Gauss points, components): (c k,)."""
+        """The same for a stress at all Gauss points, (Gauss points, components): (c k,)."""
         return np.einsum("cp,kj,cpj->ck", self._shares, self._part, stress[self._points], optimize=True).ravel()
 
 
@@ -102,7 +105,8 @@ def flow_stress(
     tree |= _maps(model, means, cells, ways, tried)
     found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
     exact, drawn = (
-        np.array([mises_of(one.reshape(len(cells), -1)) for one in own.T]) for own in (seen[:, apart], found)
+        np.array([mises_of(one.reshape(len(cells), -1), plane_stress=means.plane_stress) for one in own.T])
+        for own in (seen[:, apart], found)
     )
     # after unloading the residual stress is small compared with the stress of its history
     scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
@@ -113,7 +117,7 @@ def flow_stress(
         # deviators of stress, passed as strains of one body with 2 μ' = 1
         "bodies": tried.put("stress_bodies", np.zeros(len(cells)), "<u1"),
         "components": len(seen) // len(cells),
-        "plane_stress": False,
+        "plane_stress": means.plane_stress,
         "moduli": [[[0.0], [0.5]]],
         "middle": [1.0],
     }

@@ -49,6 +49,9 @@ def check_flow(model: object, what: str = "a page") -> None:
         raise NotOfferedError(
             f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
+    own = [group.law.name for group in model.flow.groups if group.law is not None and group.law.elastic]
+    if own:
+        raise NotOfferedError(f"{what} has isotropic elasticity, and none of its own, as {own[0]} has: take Python")
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
@@ -66,6 +69,7 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     tree["middle"] = flow.factors.middle.tolist()
     tree["groups"] = [_group(number, group, names, arrays) for number, group in enumerate(flow.groups)]
     tree["fixed"] = fixed(model)
+    tree["diagonal"] = diagonal(flow)
     # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
     # orthogonal to the modes, so their orthonormal directions suffice
     plastic = model.fields.flow
@@ -74,16 +78,23 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     return tree
 
 
+def diagonal(flow: CondensedFlow) -> int:
+    """Direct components of strain and stress that C couples: 2 in plane stress."""
+    return 2 if any(group.law is not None and group.law.plane_stress for group in flow.groups) else 3
+
+
 def _weights(flow: CondensedFlow) -> np.ndarray:
     """Weight of each point times Lamé's λ and 2 μ, (2, n): the factors from ``per_mode`` to ``tested``."""
     shape = len(flow.per_mode), flow.components, -1
+    count = diagonal(flow)
     strain, stress = flow.per_mode.reshape(shape), flow.tested.reshape(shape)
-    traces = [values[:, :3].sum(axis=1) for values in (strain, stress)]
+    traces = [values[:, :count].sum(axis=1) for values in (strain, stress)]
     deviators = [values.copy() for values in (strain, stress)]
     for values, trace in zip(deviators, traces, strict=True):
-        values[:, :3] -= trace[:, None] / 3
+        values[:, :count] -= trace[:, None] / count
     shear = _ratio((deviators[0] * deviators[1]).sum(axis=(0, 1)), (deviators[0] ** 2).sum(axis=(0, 1)))
-    return np.array([(_ratio((traces[0] * traces[1]).sum(axis=0), (traces[0] ** 2).sum(axis=0)) - shear) / 3, shear])
+    whole = _ratio((traces[0] * traces[1]).sum(axis=0), (traces[0] ** 2).sum(axis=0))
+    return np.array([(whole - shear) / count, shear])
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:

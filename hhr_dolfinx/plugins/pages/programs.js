@@ -15,9 +15,9 @@
   ];
 
   class Law {
-    constructor(arrays, { sizes, limited, registers, ...names }) {
+    constructor(arrays, { sizes, limited, registers, ...names }, diagonal) {
       for (const [name, key] of Object.entries(names)) this[name] = arrays[key];
-      Object.assign(this, { sizes, limited, work: new Float64Array(registers) });
+      Object.assign(this, { sizes, limited, diagonal, work: new Float64Array(registers) });
       const { strains: c, unknowns: n, memory } = sizes;
       Object.assign(this, { firstMemory: c + n, firstConstant: c + n + memory + 1, stress: new Float64Array(c), memory: new Float64Array(memory) });
       this.work.set(this.numbers, this.firstConstant + sizes.constants);
@@ -68,7 +68,7 @@
       const { strains: c } = this.sizes, { stress, memory } = this, mean = stress[0] + stress[1] + stress[2];
       let size = 0, change = 0;
       for (let i = 0; i < c; i++) {
-        memory[i] = strain[i] - ((1 + poisson) * stress[i] - (i < 3 ? poisson * mean : 0)) / young;
+        memory[i] = strain[i] - ((1 + poisson) * stress[i] - (i < this.diagonal ? poisson * mean : 0)) / young;
         size = Math.max(size, Math.abs(strain[i]), Math.abs(old[i]));
         change = Math.max(change, Math.abs(memory[i] - old[i]));
       }

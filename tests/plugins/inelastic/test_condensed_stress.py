@@ -71,7 +71,7 @@ def test_each_point_is_foretold_by_the_others(trained):
         if open_.min() < 0.1:
             continue
         shares = np.linalg.lstsq(modes[others], plastic.ravel()[others], rcond=None)[0]
-        expected = flow.moduli[flow.points[point], 1] * (plastic.ravel()[own] - modes[own] @ shares)
+        expected = flow.shear[flow.points[point]] * (plastic.ravel()[own] - modes[own] @ shares)
         assert found[point] == pytest.approx(expected, abs=1e-7 * np.abs(answer.stress()).max())
         checked += 1
     assert checked > 3

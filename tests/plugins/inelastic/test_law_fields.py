@@ -1,9 +1,11 @@
 """Constants of laws that vary in space: formulas of coordinates, in full, reduced and condensed models and files."""
 
+import dataclasses
+
 import contract
 import numpy as np
 import pytest
-from condensing import QUIET
+from condensing import FINE, QUIET, condensed
 from mpi4py import MPI
 from points import WOOD
 from scenes import block_scene
@@ -11,10 +13,9 @@ from test_plastic import bar
 from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ReductionError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 TIGHT = hhr.MarchSettings("tangent", 1e-10, 1e-9, 1e-12, outside="ignore")
 
@@ -102,8 +103,9 @@ def test_fields_that_cannot_be_are_refused(text, said):
         hhr.FullOrderModel(scene)
 
 
+@pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_a_block_of_wood_is_as_stiff_as_its_law():
-    """Pulled along its third axis, which the frame turns into the second of the mesh; it is not condensed."""
+    """Pulled along its third axis, which the frame turns into the second of the mesh; heated it is condensed too."""
     wood = hhr.Orthotropic(*WOOD, frame=((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)))
     sides = [hhr.Displacement(block.side(axis, upper=False), axis) for axis in range(3)]
     pulled = hhr.Displacement(block.side(1, upper=True), 1, hhr.Amplitude(slopes={"pull": 1.0}))
@@ -118,5 +120,10 @@ def test_a_block_of_wood_is_as_stiff_as_its_law():
     assert stress[:, 1] == pytest.approx(WOOD[2] * 0.1, rel=1e-9)
     assert np.abs(np.delete(stress, 1, axis=1)).max() < 1e-9 * WOOD[2]
     assert not history.answers[-1].plastic_strain().any()
-    with pytest.raises(ReductionError, match="elasticity of Orthotropic is not isotropic"):
-        hhr.build(full, hhr.SnapshotSet.of_histories([history]), CorrectionSettings())
+    warm = dataclasses.replace(scene.bodies[0], law=hhr.Heated(wood, 0.1, "pull * (1 + y)"))
+    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=(warm,)))
+    path = [(0.1 * step, np.array([0.01 * step])) for step in range(11)]
+    model = condensed(full, [full.march(path, TIGHT)])
+    one, other = (item.march([path[0], (0.5, np.array([0.055]))], FINE).answers[-1] for item in (full, model))
+    assert other.displacement() == pytest.approx(one.displacement(), abs=1e-7 * np.abs(one.displacement()).max())
+    assert other.stress() == pytest.approx(one.stress(), abs=1e-6 * np.abs(one.stress()).max())

@@ -6,8 +6,9 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from condensing import QUIET, condensed, up
+from condensing import FINE, QUIET, condensed, up
 from needs import needs
+from points import WOOD
 from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, whole_domain
 from scipy.optimize import brentq
 from toy_law import Bingham
@@ -299,10 +300,17 @@ def test_a_query_starts_where_the_box_is_nearest_to_zero(monkeypatch):
     assert [point.tolist() for _, point in asked[0]] == [[0.0], [0.01]]
 
 
-def test_plane_stress_with_flow_is_refused():
-    scene = dataclasses.replace(bar(LAWS["plasticity"]), hypothesis="plane_stress")
-    with pytest.raises(SceneError, match="plane stress"):
-        hhr.FullOrderModel(scene)
+@pytest.mark.parametrize("name", ["plasticity", "norton 4"])
+def test_a_strip_in_plane_stress_is_a_bar(name):
+    """Its thickness changes too, by the law; beside elastic bodies as well, whose stress across vanishes."""
+    path = [(float(time), np.array([pull])) for time, pull in enumerate((0.0, 0.02, 0.05, 0.03, -0.02))]
+    found = []
+    for hypothesis in ("axisymmetric", "plane_stress"):
+        scene = dataclasses.replace(bar(LAWS[name]), hypothesis=hypothesis)
+        found.append(axial(hhr.FullOrderModel(scene).march(path, FINE)))
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+    with pytest.raises(SceneError, match="elasticity of its own"):
+        hhr.FullOrderModel(dataclasses.replace(bar(hhr.Orthotropic(*WOOD)), hypothesis="plane_stress"))
 
 
 @pytest.mark.parametrize("simplices", [False, True])

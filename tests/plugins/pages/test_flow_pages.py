@@ -47,15 +47,17 @@ LAWS = {
     "moduli": (hhr.Plasticity(0.05, 0.2), None),
     "back stresses, creep": (hhr.Chaboche("0.03 + 0.01 * x", ((0.5, 20.0),), 0.01, 30.0), hhr.Norton("0.2 * E1", 4.0)),
     "cone, heat": (hhr.DruckerPrager(0.05, 0.2, 0.1), hhr.Heated(hhr.Norton(3.0, 4.0), 0.002, "0.3 * E1 + y")),
+    "plane stress": (hhr.Voce(0.05, 0.02, 20.0, 0.4), None),
 }
-"""Laws of both bodies."""
+"""Laws of both bodies, by a name, and in plane stress where that says so."""
 
 
 def two_bodies(name="moduli"):
     """Two blocks in the plane, pushed together, of which one yields, whose E is a parameter."""
     laws = LAWS[name]
     bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, laws[0]), hhr.Body(two_blocks.SECOND, 5.0, 0.35, laws[1])
-    base, top = pressed_pair("plane_strain", bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
+    hypothesis = "plane_stress" if name == "plane stress" else "plane_strain"
+    base, top = pressed_pair(hypothesis, bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
     held = [item for item in base.displacements if not item.amplitude.slopes]
     moved = hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0))
     given = {"loads": (), "openings": (), "parameters": space(push=(0.0, 0.06), E1=(2.0, 4.0))}
