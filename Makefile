@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -39,6 +39,12 @@ fretting: setup
 
 punch: setup
 	.venv/bin/python demos/sliding_punch.py
+
+preload: setup
+	.venv/bin/python demos/bolt_preload.py
+
+power: setup
+	.venv/bin/python demos/pellet_power.py
 
 torque: setup
 	.venv/bin/python demos/press_fit_torque.py

@@ -113,18 +113,33 @@ def check_extreme_cases(reports, folder):
     assert [(row["case"], row["outcome"]) for row in cases] == [(row["case"], row["outcome"]) for row in rows]
 
 
+def check_preload(reports, folder):
+    """A preload that creeps, with friction, from a cold start in which nothing flows: small models are near."""
+    found = reports["report"]["preload"]
+    assert found["largest error of the small model [N]"] < 0.002 * found["preload, cold [N]"]
+    assert 0.3 < found["after two campaigns, cold [N]"] / found["preload, cold [N]"] < 0.99
+
+
+def check_power(reports, folder):
+    found = reports["report"]["power"]
+    assert found["largest error of the small model [N]"] < 0.01 * found["largest force [N]"]
+    assert found["cumulated inelastic strain"] > 1e-3
+
+
 CHECKS = {
+    "bolt_preload": check_preload,
     "extreme_cases": check_extreme_cases,
     "fretting": check_friction,
     "pellet_cladding": check_pellet,
     "pellet_cladding_nonmatching": check_nonmatching,
     "pellet_cladding_plastic": check_plastic,
+    "pellet_power": check_power,
     "press_fit_torque": check_friction,
     "sphere_on_block": check_sphere,
 }
 """What reports must hold besides, and the folder where they lie."""
 OF_PLUGINS = {
-    "benchmarks": ("mortar", "second_order"),
+    "benchmarks": ("mortar", "second_order"), "bolt_preload": ("friction", "inelastic", "mortar", "volume_loads"),
     "calculix": ("exporters", "mortar", "second_order"), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
     "contact_patch_test": ("mortar",),
@@ -135,7 +150,7 @@ OF_PLUGINS = {
     "history_indicator": ("inelastic", "nonmatching"), "indentation": ("inelastic", "mortar"),
     "local_models": ("greedy", "local", "moduli", "theorems"),
     "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "shapes", "volume_loads"),
-    "pellet_cladding_nonmatching": ("nonmatching",),
+    "pellet_cladding_nonmatching": ("nonmatching",), "pellet_power": ("inelastic", "volume_loads"),
     "pellet_cladding_plastic": ("inelastic", "nonmatching"), "pellet_materials": ("moduli",),
     "press_fit": ("moduli", "mortar", "shapes", "volume_loads"),
     "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"), "random_recipes": ("baselines",),

@@ -25,7 +25,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import Surface
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CorrectionStepper
-from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
+from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE, ROUND_OFF
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal
 from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -104,8 +104,10 @@ class RubbingFlowStepper(CorrectionStepper):
     def _solved(self, load: _Load, material: Material, start: np.ndarray, here: Answer) -> tuple[_Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
         at = self._tried(load, material, start, here.multipliers, here.active)
+        noise = ROUND_OFF * float(np.linalg.norm(self.model.flow.tested) * np.linalg.norm(at.strain))
         for iteration in range(1, self.settings.iterations + 1):
-            if at.merit <= self.settings.relative_force * max(float(np.linalg.norm(at.correction)), self._size):
+            size = max(float(np.linalg.norm(at.correction)), self._size)
+            if at.merit <= max(self.settings.relative_force * size, noise):
                 return at, iteration
             at = self._nearer(load, material, at)
         raise Diverged(f"the {self.settings.iterations} iterations allowed are spent")
