@@ -27,6 +27,7 @@ from hhr_dolfinx.models.answer import History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Reductor
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 
@@ -189,7 +190,7 @@ class HistoryCase:
     scene: Callable[[], Scene]
     path: Callable[[float], Path]
     values: tuple[float, float, float]
-    recipe: Recipe | None = None
+    recipe: Recipe | Reductor | None = None
     tried: Callable[[float], Path] | None = None
     known: Known | None = None
 
@@ -202,7 +203,11 @@ class HistoryCase:
         first, middle, last = self.values
         training = [full.march(self.path(value)) for value in (first, last)]
         tried = (self.tried or self.path)(middle)
-        exact, other = (full.march(tried, settings) for settings in (MarchSettings(), MarchSettings("tangent")))
+        exact = full.march(tried)
+        others = (full.march(tried, MarchSettings(search)) for search in ("tangent", "elastic"))
+        other = next((found for found in others if found.cuts == exact.cuts), exact)
+        if other is exact:
+            raise errors.ConvergenceError("no other search answers without other steps, so that nothing is compared")
         worst = max(relative_error(p.unknown, q.unknown) for p, q in zip(exact.answers, other.answers, strict=True))
         iterations = f"{sum(exact.iterations)} and {sum(other.iterations)} iterations"
         why = f"two search operators, {iterations}, {exact.cuts} cuts"
@@ -219,7 +224,8 @@ class HistoryCase:
         floor = force_floor(full.problem, snapshots)
         high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor), strict=True))
         within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
-        parts = [*(f"{name} {value:.1e}" for name, value in high.items()), f"{model.offline.layers} layers"]
+        parts = [f"{name} {value:.1e}" for name, value in high.items()]
+        parts += [f"{model.offline.layers} layers"] if isinstance(self.recipe, Recipe) else ["condensed"]
         parts += [f"warned: {message}" for message in (*doubts, *told)]
         if self.tried is None:
             verdict = "right" if within else "warned" if doubts or told else "WRONG"

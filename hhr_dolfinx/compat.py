@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -283,7 +284,7 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 
 def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) -> Callable[[Callable], Callable]:
-    """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable.
+    """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable; Python itself without numba.
 
     If neither the package nor the user's cache folder is writable, as in a read-only image, the cache is in a private
     folder of the user among temporary files; ``NUMBA_CACHE_DIR`` sets another one.
@@ -293,8 +294,9 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
         dear: description of a function that takes long to compile, which the log reports.
         options: options of numba.
     """
-    with extra("flow", "a scene whose bodies have laws or are nearly incompressible"):
-        from numba import njit
+    njit = _njit()
+    if njit is None:
+        return lambda function: function
     if inner:
         options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -310,6 +312,19 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
         return njit(**options)(function)
 
     return decorate
+
+
+@lru_cache(maxsize=1)
+def _njit() -> Any:
+    """numba's compiler; None without numba, which the log says once."""
+    try:
+        from numba import njit
+    except ImportError:
+        _log.warning(
+            "numba is not installed: laws of bodies run as Python, hundreds of times slower: pip install hhr_dolfinx[flow]"
+        )
+        return None
+    return njit
 
 
 @contextmanager

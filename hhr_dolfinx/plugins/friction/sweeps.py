@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.errors import MissingPackageError
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.laws import Friction
@@ -45,10 +44,8 @@ def swept(
 
 @lru_cache(maxsize=1)
 def _kernel() -> Callable[..., None]:
-    try:
-        return compat.compiled()(_sweep)
-    except MissingPackageError:
-        return _sweep
+    found: Callable[..., None] = compat.compiled()(_sweep)
+    return found
 
 
 def _sweep(

@@ -163,7 +163,6 @@ class LinearisedStepper(Stepper):
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
         active = (here if start is None else start).active
         contact = steps_of(model.law).step_contact(model, here, goal.parameter)
-        noise = model.round_off(x, theta)
         together = model.together
         linear: Any = self._linearisation if flows else model.elastic
         for iteration in range(1, settings.iterations + 1):
@@ -184,7 +183,8 @@ class LinearisedStepper(Stepper):
                 raise Diverged(why, together.place(flowed))
             left = model.norms(residual - model.contact_load(found.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
-            if (left <= settings.relative_force * np.maximum(scale, self._forces) + noise).all():
+            small = settings.relative_force * np.maximum(scale, self._forces)
+            if (left <= small).all() or (left <= small + model.round_off(x, theta)).all():
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
