@@ -11,7 +11,7 @@ repeatedly have this form. A query passes about five cuts, in a microsecond or t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -131,10 +131,6 @@ class Choice:
             # a cut may lie outside of the box
             corners[low], corners[high] = halves_of(least, most, axis, min(max(cut, least[axis]), most[axis]))
         return found
-
-    def reaching(self, reach: np.ndarray) -> Choice:
-        """The same cuts with strips of another width, (P,)."""
-        return replace(self, reach=np.asarray(reach, dtype=float))
 
 
 def halves_of(

@@ -79,13 +79,11 @@ def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray
     return Ellipticity(largest_eigenvalue(stiffness), smallest_eigenvalue(stiffness, solve))
 
 
-def smallest_eigenvalue(
-    matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray], gram: csr_matrix | None = None
-) -> float:
-    """Lower bound of the smallest eigenvalue of K v = alpha G v, by K^-1 of a vector; G is the identity if None."""
+def smallest_eigenvalue(matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Lower bound of the smallest eigenvalue of a symmetric matrix, (n, n), by its inverse times a vector."""
     if matrix.shape[0] <= DENSE:
-        return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
-    value, residual = _extreme(matrix, gram, solve)
+        return float(linalg.eigvalsh(matrix.toarray())[0])
+    value, residual = _extreme(matrix, solve)
     return value * (1 - residual)
 
 
@@ -107,20 +105,21 @@ class _Inverse:
         solution.array[:] = self._solve(rhs.array_r)
 
 
-def _extreme(
-    matrix: csr_matrix, gram: csr_matrix | None = None, solve: Callable[[np.ndarray], np.ndarray] | None = None
-) -> tuple[float, float]:
+def _extreme(matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[float, float]:
     """The smallest eigenvalue by shift and invert with K^-1, or the largest without; and its relative residual."""
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
-    operators = [_petsc(item) for item in (matrix, gram) if item is not None]
+    matrix = csr_matrix(matrix)
+    matrix.sort_indices()
+    arrays = matrix.indptr, matrix.indices, matrix.data
+    operator = PETSc.Mat().createAIJ(matrix.shape, csr=arrays, comm=PETSc.COMM_SELF)
 
     def prepared() -> Any:
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("hhr_ellipticity_")
-        solver.setOperators(*operators)
-        solver.setProblemType(SLEPc.EPS.ProblemType.HEP if gram is None else SLEPc.EPS.ProblemType.GHEP)
+        solver.setOperators(operator)
+        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
         if solve is None:
             solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
             return solver
@@ -137,14 +136,6 @@ def _extreme(
     if (found := extreme_eigenvalue(prepared)) is None:
         raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
     return found
-
-
-def _petsc(matrix: csr_matrix) -> Any:
-    from petsc4py import PETSc
-
-    matrix = csr_matrix(matrix)
-    matrix.sort_indices()
-    return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:

@@ -141,7 +141,7 @@ def test_a_border_within_one_model_hides_no_other():
     tree = choice([(0, 0.5, 1, 2), (1, 0.5, 3, 4), (-1, 1), (-1, 0), (-1, 0)], (0.1, 0.1))
     assert tree.candidates([0.45, 0.49]) == (0, 1)
     assert tree.candidates([0.2, 0.49]) == (0, LEAF)
-    assert tree.reaching(np.zeros(2)).candidates([0.45, 0.49]) == (0, LEAF)
+    assert dataclasses.replace(tree, reach=np.zeros(2)).candidates([0.45, 0.49]) == (0, LEAF)
 
 
 def test_what_lies_on_a_cut_goes_low():
