@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -14,16 +15,13 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies
-from hhr_dolfinx.full_order.with_laws import with_laws
+from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
@@ -233,15 +231,16 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     """Report the resultant of a load for the amplitude 1, or a load without effect."""
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
-    terms = load.terms(discretisation.assembler(load))
+    terms = list(chain(*parted(checked_terms(load, discretisation.assembler(load)))))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    every = [term.columns for term in terms]
-    columns = [csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in every]
-    if not any(part.count_nonzero() for part in columns):
+    columns = [csc_matrix(term.columns) for term in terms]
+    if not any(part.nnz for part in columns):
         found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
         return
-    found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
     amplitudes = [term.amplitude for term in terms]
+    theta = Amplitudes.collect(amplitudes, found.scene.parameters)
+    forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
+    found.forces.append((name, forces.reshape(-1, dim)))
     if all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
@@ -252,14 +251,6 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
         found.say(f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
     else:
         found.say(f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
-
-
-def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
-    """Nodal forces of a load at a point, (N,)."""
-    discretisation = found.meshed
-    terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
-    amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
-    return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:

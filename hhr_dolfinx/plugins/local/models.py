@@ -179,11 +179,6 @@ class LocalModels(KeptModel):
         return self.models[0].fields
 
     @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
-
-    @property
     def own_conditions(self) -> int:
         """Number of conditions of the first model; others may have more, or fewer."""
         return self.models[0].own_conditions

@@ -60,10 +60,6 @@ class _Axis:
         part = (math.log10(min(max(value, LEAST), MOST)) - self.low) / (self.high - self.low)
         return self.begin + part * (self.end - self.begin)
 
-    def ticks(self) -> list[int]:
-        step = max(1, math.ceil((self.high - self.low) / 9))
-        return list(range(self.low, self.high + 1, step))
-
 
 def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
     """A chart with the names of its axes."""
@@ -84,7 +80,7 @@ def _text(x: float, y: float, anchor: str, content: object) -> str:
 def _ticks(axis: _Axis, up: bool = False) -> list[str]:
     """Lines and numbers at the powers of ten."""
     parts = []
-    for k in axis.ticks():
+    for k in range(axis.low, axis.high + 1, max(1, math.ceil((axis.high - axis.low) / 9))):
         place = axis(10.0**k)
         power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
         line = f"M{LEFT} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"

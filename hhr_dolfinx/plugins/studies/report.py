@@ -7,30 +7,26 @@ import platform
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies import page
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
 from hhr_dolfinx.plugins.studies.of_laws import study_of
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.certify.constants import Stability
-    from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.training.train import Training
-
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""

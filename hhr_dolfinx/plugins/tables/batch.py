@@ -6,7 +6,6 @@ A parameter without an answer gets a reason and does not stop the others. Tables
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import HHRError, ParameterError
-from hhr_dolfinx.group import group_of
+from hhr_dolfinx.group import ALONE, group_of
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
@@ -26,22 +25,11 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
 
 OK = "ok"
 """Status of a row that has an answer."""
-
-
-def ranks_of(comm: Comm | None) -> tuple[int, int]:
-    """Number of this rank, and of all; without MPI there is one."""
-    return (0, 1) if comm is None else (comm.rank, comm.size)
-
-
-def each_for_itself(comm: Comm | None, task: str) -> AbstractContextManager[None]:
-    """A block that each rank executes independently, see :meth:`hhr_dolfinx.group.Group.each`."""
-    return nullcontext() if comm is None else group_of(comm).each(task)
 
 
 class Answers(NamedTuple):
@@ -130,12 +118,12 @@ def answer_points(
         ParameterError: if ``points`` is no table of points, or ``outside`` is unknown.
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
-    rank, size = ranks_of(comm)
-    with each_for_itself(comm, "answering the table"):
+    group = ALONE if comm is None else group_of(comm)
+    with group.each("answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
         query = Query(model, outside, displacement, estimates)
-        mine = np.array_split(points, size)[rank]
+        mine = np.array_split(points, group.size)[group.number]
         count = model.rows_at_once
         blocks = [mine[first : first + count] for first in range(0, max(len(mine), 1), count)]
         answers = Answers.joined([query(block) for block in progress(blocks)])

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -17,11 +16,8 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, of_stiffness, on_dofs
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-
 
 NEGLIGIBLE = 1e-12
 """Singular value of modes cut off outside A over the largest, below which they are dependent to round-off."""
