@@ -67,12 +67,6 @@ class Choice:
         if (self.label[self.axis == LEAF] < 0).any():
             raise ReductionError("a region of a choice between models has no model")
 
-    @classmethod
-    def whole(cls, parameters: int) -> Choice:
-        """One model for the whole box."""
-        none = np.zeros(1, dtype=np.int64)
-        return cls(none - 1, np.zeros(1), none, none, none, np.zeros(parameters))
-
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int, int]]:
         """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten times as fast."""

@@ -36,13 +36,9 @@ class ChordalBounds(NamedTuple):
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
-    """Columns, (N, S), in an orthonormal basis of their span: fewer numbers, the same lengths and products.
+    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same lengths and products.
 
-    Returns:
-        (r, S), r = min(N, S), or the columns themselves if these have no more rows.
-
-    Raises:
-        ReductionError: for an invalid table of real numbers.
+    ReductionError for an invalid table of real numbers.
     """
     columns = _checked("columns", columns)
     rows, count = columns.shape
@@ -55,10 +51,8 @@ def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
     It is the root of the sum of squares of the principal angles, (4.3), and of a right angle for each dimension that
     one space has and the other lacks.
 
-    With many bases, give them in common :func:`coordinates`: their products take the time.
-
     Args:
-        bases: orthonormal, (N, a_j) each, of any dimensions.
+        bases: orthonormal, (N, a_j) each; give many in common :func:`coordinates`: their products take the time.
 
     Returns:
         Symmetric with a zero diagonal, (n, n), in radians.
@@ -75,13 +69,10 @@ def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def snapshot_distances(columns: np.ndarray) -> np.ndarray:
-    """Dissimilarity of snapshots, (4.4): the angle between the lines that they span.
+    """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that they span.
 
     The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
     a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|.
-
-    Args:
-        columns: of any lengths, (N, S).
 
     Returns:
         Symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12.

@@ -62,8 +62,7 @@ class SearchContext:
     Attributes:
         full, workers: the full model, on one rank, and the ranks that solve for exact answers.
         target, budget: accuracy of the model, and limits of the cost.
-        family: paths, if answers depend on them; None if queries are points.
-        seed: of random draws.
+        family, seed: paths, if answers depend on them; None if queries are points; and the seed of random draws.
         progress: receives each stage, and the share of it that is done.
         store: keeps solutions of connected components; None keeps them in memory alone.
         errors: of models, in the norms of the target.

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
+import numpy as np
+
 WIDTH = 640
 HEIGHT = 360
 """Sizes of a chart, in units of the SVG."""
@@ -163,11 +165,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
 
 
 def _counted(values: Sequence[float], axis: _Axis) -> list[int]:
-    counts = [0] * BINS
-    for value in values:
-        part = (axis(value) - axis.begin) / (axis.end - axis.begin)
-        counts[min(BINS - 1, max(0, int(part * BINS)))] += 1
-    return counts
+    found: list[int] = np.histogram([axis(value) for value in values], BINS, (axis.begin, axis.end))[0].tolist()
+    return found
 
 
 def map_of(

@@ -210,7 +210,6 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
 
 def print_report(report: Report, console: Console) -> None:
     """Print the main figures, in the words of ``report.html``."""
-    models = report.get("models", {})
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
@@ -227,16 +226,13 @@ def print_report(report: Report, console: Console) -> None:
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
         console.print(_mesh_error_in_words(report["discretisation"]))
-    for name, item in {"paths": report, **{f"paths, {name}": item for name, item in models.items()}}.items():
-        for line in _path_lines(item["paths"]) if "paths" in item else ():
-            console.print(f"{name}: {line}")
     if report.get("time_error", {}).get("max"):
         console.print(_time_error_in_words(report["time_error"]))
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in models.get("condensed", {}).get("refused_before", []):
+    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
         console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
@@ -282,16 +278,6 @@ def _lines(name: str, row: Report | None) -> Iterator[str]:
     for key, value in row.items():
         if isinstance(value, dict):
             yield from _lines(f"{name}, {key}", value)
-
-
-def _path_lines(paths: Report) -> Iterator[str]:
-    inside = paths["inside"]
-    outside = paths["outside"]
-    if inside:
-        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
-        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
-    silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
-    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
 def _cpu() -> str:

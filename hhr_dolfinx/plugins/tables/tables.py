@@ -175,24 +175,18 @@ class _Blocks:
     def prepare(self) -> None:
         """Make the folder, empty of blocks of another table or model; FileError if it has other files."""
         mark = {MARK: self._digest()}
-        found = self._marked()
+        found = None
+        with suppress(OSError, ValueError, RecursionError):
+            found = json.loads(self._mark.read_text(encoding="utf-8"))
         if self.resume is not None and found == mark:
             return
-        if found is not None:
+        if isinstance(found, dict) and found.keys() == {MARK}:
             self._clear()
         elif self.folder.is_dir():
             self._refuse_others()
         make_folder(self.folder)
         with replacing(self._mark, text=True) as file:
             json.dump(mark, file)
-
-    def _marked(self) -> dict[str, Any] | None:
-        """The mark of the folder; None if it is missing or not a folder of blocks."""
-        try:
-            found = json.loads(self._mark.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return None
-        return found if isinstance(found, dict) and found.keys() == {MARK} else None
 
     def _refuse_others(self) -> None:
         """FileError for a folder with other files; an empty one is accepted."""

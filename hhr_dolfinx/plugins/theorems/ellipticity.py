@@ -59,10 +59,6 @@ class Ellipticity:
         pairs = [_moduli(body) for body in bodies]
         return cls(max(pair[0] for pair in pairs), min(pair[1] for pair in pairs))
 
-    def scaled(self, factor: float) -> Ellipticity:
-        """Both constants times a number, as for another unit."""
-        return Ellipticity(factor * self.continuity, factor * self.coercivity)
-
 
 _KNOWN: WeakKeyDictionary[FullModel, Ellipticity] = WeakKeyDictionary()
 
