@@ -11,7 +11,6 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies
@@ -123,12 +122,6 @@ def _pairs(found: SceneCheck) -> None:
         found.pairs.append((surfaces, rows))
 
 
-def _left_out(surface: Surface, rows: ContactRows | None) -> str:
-    """Text on the nodes of the first surface of a pair without a condition, after that on its contact."""
-    idle = 0 if rows is None else np.setdiff1d(surface.nodes, rows.slaves).size
-    return f", {idle} of {surface.nodes.size} nodes of {surface.tag!r} face nothing" if idle else ""
-
-
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Compare distances of the surfaces with the sag of their facets."""
     theta = problem.amplitudes(point)
@@ -150,6 +143,9 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         closed = ""
         law = found.scene.laws[place]
         by_law = "" if law is None else f", {law.words}"
+        first = surfaces[0]
+        idle = 0 if made is None else np.setdiff1d(first.nodes, made.slaves).size
+        left_out = f", {idle} of {first.nodes.size} nodes of {first.tag!r} face nothing" if idle else ""
         if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
             low = gaps[rows].min()
             high = gaps[rows].max()
@@ -159,8 +155,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             )
         found.say(
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}"
-            f"{_left_out(surfaces[0], made)}"
+            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]

@@ -135,13 +135,10 @@ def _peak_error(full: FullOrderModel, answer: Answer) -> float:
     around = (problem.cell_nodes == node).any(axis=1)
     stress = full.stress_of(answer.displacement(), answer.parameter)[around].mean(axis=0)
     peak = float(pressures.max())
-    return abs(-_along(stress, normal) - peak) / peak
-
-
-def _along(stress: np.ndarray, normal: np.ndarray) -> float:
-    """n·σ n of a stress in Kelvin's notation, (4,) or (6,)."""
+    # n·σ n in Kelvin's notation, (4,) or (6,)
     shear = np.sqrt(2) * np.array([normal[0] * normal[1], normal[0] * normal[2], normal[1] * normal[2]])
-    return float(stress @ np.append(normal**2, shear)[: stress.size])
+    along = float(stress @ np.append(normal**2, shear)[: stress.size])
+    return abs(-along - peak) / peak
 
 
 def _number(value: float | str, names: tuple[str, ...], point: np.ndarray) -> float:

@@ -159,7 +159,11 @@ class Clusters:
         for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
             try:
                 if self.modes is not None or self.conditions is not None:
-                    self._check_sizes(*sizes(full, snapshots, item))
+                    limits = self.modes, self.conditions
+                    for count, most, what in above(sizes(full, snapshots, item), limits):
+                        raise StudyError(
+                            f"{count} {what}, and not {most} at most: give a larger tolerance, or more clusters"
+                        )
                 model, doubts = built(full, snapshots, item, held_out)
             except HHRError as error:
                 if not self.others:
@@ -174,11 +178,6 @@ class Clusters:
         if not found:
             raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
         return min(found, key=lambda item: item[0])[1:]
-
-    def _check_sizes(self, modes: int, conditions: int) -> None:
-        """StudyError for a model that is larger than allowed."""
-        for found, most, what in above((modes, conditions), (self.modes, self.conditions)):
-            raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
 
     def _on_grid(self, snapshots: SnapshotSet) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -265,10 +266,12 @@ class SearchContext:
         rows = []
         with ignored(OutsideTrainingWarning):
             for item in exact:
-                try:
-                    answers = _found(model, item)
-                except HHRError:
-                    answers = []
+                answers: list[Answer] = []
+                with suppress(HHRError):
+                    if isinstance(item, History):
+                        answers = retraced(model, item).answers
+                    else:
+                        answers = [model.solve(item.parameter, outside="ignore", raise_on_failure=False)]
                 rows.append(self.errors.of(answers, item))
         return np.array(rows)
 
@@ -323,13 +326,6 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
     if not listed:
         raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
     return SnapshotSet.of_histories(listed) if isinstance(listed[0], History) else SnapshotSet.of_answers(listed)
-
-
-def _found(model: AnsweringModel, exact: Exact) -> list[Answer]:
-    """Answers of a model to the query of exact ones."""
-    if isinstance(exact, History):
-        return retraced(model, exact).answers
-    return [model.solve(exact.parameter, outside="ignore", raise_on_failure=False)]
 
 
 def _key(question: np.ndarray | AnswerPath) -> bytes:

@@ -224,8 +224,10 @@ def print_report(report: Report, console: Console) -> None:
     if counts:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
-    if "discretisation" in report:
-        console.print(_mesh_error_in_words(report["discretisation"]))
+    if row := report.get("discretisation"):
+        # the error of the mesh is the scale of all others; numbers where nothing estimates it any more
+        place = registry.named("public").get("MeshError")
+        console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
     if report.get("time_error", {}).get("max"):
         console.print(_time_error_in_words(report["time_error"]))
     if "advice" in report:
@@ -252,12 +254,6 @@ def _sizes_in_words(report: Report) -> str:
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
     )
-
-
-def _mesh_error_in_words(row: dict[str, float]) -> str:
-    """Sentence on the error of the mesh, the scale of all other errors; numbers where nothing estimates it any more."""
-    place = registry.named("public").get("MeshError")
-    return registry.load(place)(**row).in_words() if place else f"mesh: {row}"
 
 
 def _time_error_in_words(row: Report) -> str:

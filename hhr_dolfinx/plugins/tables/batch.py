@@ -14,7 +14,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.group import ALONE, group_of
-from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
+from hhr_dolfinx.models.answer import ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
@@ -229,7 +229,8 @@ class Query:
         if self.estimate_heads:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if self.displacement:
-            found["largest_displacement"] = [self._largest(answer) for answer in many]
+            fields = (answer.displacement().reshape(-1, self.model.dimension) for answer in many)
+            found["largest_displacement"] = [np.linalg.norm(field, axis=1).max() for field in fields]
         for target, values in ((table, found), (columns, self.model.columns(many))):
             for name, value in values.items():
                 target[name][rows] = value
@@ -246,9 +247,6 @@ class Query:
             return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
         return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
-
-    def _largest(self, answer: Answer) -> float:
-        return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 
 def _table(points: PointsLike, space: ParameterSpace) -> np.ndarray:

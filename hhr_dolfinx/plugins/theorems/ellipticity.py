@@ -1,11 +1,12 @@
 """Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues.
 
-LAPACK finds the eigenvalues of small matrices, SLEPc those of large ones: no dense matrix of the size of the mesh.
+LAPACK finds the eigenvalues of small matrices, ARPACK those of large ones: no dense matrix of the size of the mesh.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -14,8 +15,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from hhr_dolfinx.certify.constants import DENSE, extreme_eigenvalue
+from hhr_dolfinx.certify.constants import DENSE, RESTARTS, SUBSPACE, TOLERANCES
 from hhr_dolfinx.errors import BoundError, NotSolvableError
 from hhr_dolfinx.models.full import FullModel
 
@@ -84,47 +86,19 @@ def largest_eigenvalue(matrix: csr_matrix) -> float:
     return value * (1 + residual)
 
 
-class _Inverse:
-    """K^-1 as a preconditioner of PETSc."""
-
-    def __init__(self, solve: Callable[[np.ndarray], np.ndarray]) -> None:
-        self._solve = solve
-
-    def apply(self, _: Any, rhs: Any, solution: Any) -> None:
-        solution.array[:] = self._solve(rhs.array_r)
-
-
 def _extreme(matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray] | None = None) -> tuple[float, float]:
     """The smallest eigenvalue by shift and invert with K^-1, or the largest without; and its relative residual."""
-    from petsc4py import PETSc
-    from slepc4py import SLEPc
-
-    matrix = csr_matrix(matrix)
-    matrix.sort_indices()
-    arrays = matrix.indptr, matrix.indices, matrix.data
-    operator = PETSc.Mat().createAIJ(matrix.shape, csr=arrays, comm=PETSc.COMM_SELF)
-
-    def prepared() -> Any:
-        solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-        solver.setOptionsPrefix("hhr_ellipticity_")
-        solver.setOperators(operator)
-        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
-        if solve is None:
-            solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-            return solver
-        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-        solver.setTarget(0.0)
-        transform = solver.getST()
-        transform.setType(SLEPc.ST.Type.SINVERT)
-        transform.getKSP().setType("preonly")
-        preconditioner = transform.getKSP().getPC()
-        preconditioner.setType("python")
-        preconditioner.setPythonContext(_Inverse(solve))
-        return solver
-
-    if (found := extreme_eigenvalue(prepared)) is None:
-        raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
-    return found
+    how: dict[str, Any] = {"which": "LA"}
+    if solve is not None:
+        how = {"sigma": 0.0, "OPinv": LinearOperator(matrix.shape, solve, dtype=float)}
+    start = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    for tolerance in TOLERANCES:
+        with suppress(ArpackError):
+            values, vectors = eigsh(matrix, 1, v0=start, ncv=SUBSPACE, maxiter=RESTARTS, tol=tolerance, **how)
+            vector = vectors[:, 0]
+            residual = np.linalg.norm(matrix @ vector - values[0] * vector) / abs(values[0])
+            return float(values[0]), float(residual)
+    raise NotSolvableError("no eigenvalue of K was found: look for moduli many powers of ten apart")
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
