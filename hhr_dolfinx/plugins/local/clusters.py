@@ -14,7 +14,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.local.models import LEAF, Choice
 from hhr_dolfinx.plugins.local.subspaces import basis_distances, coordinates
 from hhr_dolfinx.reduction.modes import pod
@@ -112,19 +112,20 @@ def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
     The best of several random starts and a greedy one counts. Labels 0 to K - 1, (n,), all of them used, have the order
     in which they first occur.
 
+    Args:
+        dissimilarity: symmetric, not negative and with a zero diagonal, (n, n).
+        count, seed: K, and the seed of the random starts.
+
     Raises:
-        ReductionError: for a matrix that is no dissimilarity, (n, n), more clusters than items, or an invalid seed.
+        ReductionError: for more clusters than items.
         MissingPackageError: without the package kmedoids.
     """
-    matrix = _dissimilarity(dissimilarity)
-    if not is_whole(count, 1) or count > len(matrix):
+    if count > len(dissimilarity):
         raise ReductionError(
-            f"{count!r} clusters of {len(matrix)} items: the number must be an integer from 1 to as many"
+            f"{count} clusters of {len(dissimilarity)} items: the number must be an integer from 1 to as many"
         )
-    if not is_whole(seed, 0):
-        raise ReductionError(f"seed = {seed!r} must be an integer that is not negative")
-    chosen = _chosen(matrix, int(count), int(seed))
-    labels = np.argmin(matrix[:, chosen], axis=1)
+    chosen = _chosen(dissimilarity, count, seed)
+    labels = np.argmin(dissimilarity[:, chosen], axis=1)
     labels[chosen] = np.arange(chosen.size)  # two equal ones would share a label, and leave another without items
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]
@@ -144,19 +145,6 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
         others = np.setdiff1d(np.arange(len(matrix)), chosen)
         chosen = np.append(chosen, others[np.argmax(matrix[others][:, chosen].min(axis=1))])
     return np.sort(chosen)
-
-
-def _dissimilarity(given: np.ndarray) -> np.ndarray:
-    """A dissimilarity as k-medoids needs it; ReductionError for an invalid one."""
-    matrix = np.ascontiguousarray(given, dtype=float)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ReductionError(f"a dissimilarity of the shape {matrix.shape} must be square, (n, n)")
-    if not np.isfinite(matrix).all() or (matrix < 0).any():
-        raise ReductionError("a dissimilarity must be finite and not negative: look for snapshots that are no numbers")
-    off = np.abs(matrix - matrix.T).max()
-    if off > 1e-9 * matrix.max() or np.diag(matrix).any():
-        raise ReductionError(f"a dissimilarity must be symmetric, and is not by {off:.2g}, with zeros on its diagonal")
-    return matrix
 
 
 def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -148,11 +148,6 @@ class Query:
         return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
 
     @property
-    def heads(self) -> list[str]:
-        """Heads of the columns of the outputs."""
-        return list(self.outputs.values())
-
-    @property
     def bounded_outputs(self) -> dict[str, str]:
         """Outputs with columns of estimates: heads of their columns, by their names."""
         return self.outputs if self.model.fields.output_bound is not None else {}
@@ -186,7 +181,7 @@ class Query:
                 self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
             except HHRError as error:  # a failure of this row; any other error is one of the program and ends the run
                 status[k] = str(error)
-        outputs = {head: table.pop(head) for head in self.heads}
+        outputs = {head: table.pop(head) for head in self.outputs.values()}
         estimates = {head: table.pop(head) for head in self.estimate_heads}
         return Answers(points, status, outputs=outputs, estimates=estimates, columns=columns, **table)
 
@@ -209,7 +204,7 @@ class Query:
 
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without values."""
-        names = [*self.heads, *self.estimate_heads]
+        names = [*self.outputs.values(), *self.estimate_heads]
         names += ["largest_displacement"] if self.displacement else []
         names += ["total_force"] if self.model.law.remembers else []
         table = {name: np.full(count, np.nan) for name in names}
@@ -224,8 +219,8 @@ class Query:
         found: dict[str, Any] = {"forces": many.forces()}
         if self.model.law.remembers:
             found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
-        if self.heads:
-            found |= dict(zip(self.heads, many.outputs().values(), strict=True))
+        if heads := self.outputs.values():
+            found |= dict(zip(heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if self.displacement:

@@ -82,13 +82,6 @@ def grid(*counts, lowest=1.0):
     return hhr.ParameterSpace(("P1", "h1"), (lowest, 0.1), (5.0, 0.9)).grid(counts)
 
 
-def test_clusters_of_cells_are_where_the_answer_changes_its_shape():
-    """As in figure 4.2b: strips along the parameter that moves the answer, and none along the one that scales it."""
-    points = grid(5, 13)
-    strips = cell_labels(grid_cells(points), moving(points), 3).reshape(4, 12)
-    assert (strips == strips[0]).all() and (np.diff(strips[0]) != 0).sum() == 2
-
-
 def test_a_cell_spans_its_corners():
     points = grid(2, 9)
     columns = moving(points)
@@ -154,14 +147,8 @@ def test_the_sum_of_distances_is_the_least():
 
 def test_what_cannot_be_clustered_is_refused():
     columns, _ = families(np.random.default_rng(3))
-    for count in (22, 0, -1, 2.0, True, None):
-        with pytest.raises(ReductionError, match="clusters of 21 items"):
-            labels_of(columns, count)
-    with pytest.raises(ReductionError, match="seed"):
-        labels_of(columns, 2, seed=-1)
+    with pytest.raises(ReductionError, match="22 clusters of 21 items"):
+        labels_of(columns, 22)
     columns[:, 4] = 0
     with pytest.raises(ReductionError, match=r"snapshots \[4\] are zero"):
         labels_of(columns, 3)
-    for bad in (np.ones((2, 3)), np.full((2, 2), np.nan), -np.eye(2), np.eye(2), np.array([[0.0, 1.0], [2.0, 0.0]])):
-        with pytest.raises(ReductionError, match="a dissimilarity"):
-            medoids(bad, 1)
