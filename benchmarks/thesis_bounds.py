@@ -71,7 +71,8 @@ def thesis_bounds(
     """
     printed, full = THESIS[name], training.full_order
     model = training.build(printed.recipe, checked=False)
-    moduli = Ellipticity.of_materials(full.scene.bodies).scaled(printed.metre)
+    moduli = Ellipticity.of_materials(full.scene.bodies)
+    moduli = Ellipticity(printed.metre * moduli.continuity, printed.metre * moduli.coercivity)
     prepared = {
         "as printed": ThesisBounds.of(full, model, "euclidean", moduli, as_printed=True),
         "euclidean": ThesisBounds.of(full, model, "euclidean"),

@@ -1,6 +1,8 @@
 """A family of paths, and paths inside and outside of what was trained: studies of the pellet that yields."""
 
 import argparse
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from paths import summarise_paths, try_path
@@ -48,6 +50,18 @@ def try_paths(study: Study, options: argparse.Namespace) -> None:
         # figures at the top of a report are those of the model under study
         place = study.report if model is study.model else study.report["models"][name]
         place["paths"] = summarise_paths(row[name] for row in tried)
+        for line in path_lines(place["paths"]):
+            options.console.print(f"paths, {name}: {line}")
+
+
+def path_lines(paths: dict[str, Any]) -> Iterator[str]:
+    """Worst errors on paths inside and outside of what was trained, and warnings, in words."""
+    inside, outside = paths["inside"], paths["outside"]
+    if inside:
+        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
+        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
+    silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
+    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
 def print_family(study: Study, options: argparse.Namespace) -> None:

@@ -137,7 +137,7 @@ def test_a_claim_that_is_true_is_granted(training):
 @pytest.mark.parametrize("liar", LIES)
 def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
     """Four answers within the target would do for an exact model; with a target of 90 % all models are within."""
-    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.attempts.ways", lambda full: [WAY])
+    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.search.ways", lambda full: [WAY])
     monkeypatch.setattr(Galerkin, "proposals", lambda self, search: Reductor.proposals(liar, search))
     # as if its own comparison had met none of its errors
     monkeypatch.setattr("hhr_dolfinx.reduction.reductor._check_claim", lambda *_: None)
@@ -148,7 +148,7 @@ def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
 
 @needs("one_call")
 def test_it_has_rows_of_a_search(monkeypatch):
-    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.attempts.ways", lambda full: [WAY])
+    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.search.ways", lambda full: [WAY])
     rows = hhr.reduce(pair(), 0.01, of="forces").reduction.tried
     assert {row.method for row in rows} == {"galerkin"} and rows[-1].met and "40 fresh answers" in rows[-1].known
 

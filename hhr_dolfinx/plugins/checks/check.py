@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -10,20 +11,16 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies
-from hhr_dolfinx.full_order.with_laws import with_laws
+from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
@@ -125,12 +122,6 @@ def _pairs(found: SceneCheck) -> None:
         found.pairs.append((surfaces, rows))
 
 
-def _left_out(surface: Surface, rows: ContactRows | None) -> str:
-    """Text on the nodes of the first surface of a pair without a condition, after that on its contact."""
-    idle = 0 if rows is None else np.setdiff1d(surface.nodes, rows.slaves).size
-    return f", {idle} of {surface.nodes.size} nodes of {surface.tag!r} face nothing" if idle else ""
-
-
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Compare distances of the surfaces with the sag of their facets."""
     theta = problem.amplitudes(point)
@@ -152,6 +143,9 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         closed = ""
         law = found.scene.laws[place]
         by_law = "" if law is None else f", {law.words}"
+        first = surfaces[0]
+        idle = 0 if made is None else np.setdiff1d(first.nodes, made.slaves).size
+        left_out = f", {idle} of {first.nodes.size} nodes of {first.tag!r} face nothing" if idle else ""
         if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
             low = gaps[rows].min()
             high = gaps[rows].max()
@@ -161,8 +155,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             )
         found.say(
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}"
-            f"{_left_out(surfaces[0], made)}"
+            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]
@@ -233,15 +226,16 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     """Report the resultant of a load for the amplitude 1, or a load without effect."""
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
-    terms = load.terms(discretisation.assembler(load))
+    terms = list(chain(*parted(checked_terms(load, discretisation.assembler(load)))))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
-    every = [term.columns for term in terms]
-    columns = [csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in every]
-    if not any(part.count_nonzero() for part in columns):
+    columns = [csc_matrix(term.columns) for term in terms]
+    if not any(part.nnz for part in columns):
         found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
         return
-    found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
     amplitudes = [term.amplitude for term in terms]
+    theta = Amplitudes.collect(amplitudes, found.scene.parameters)
+    forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
+    found.forces.append((name, forces.reshape(-1, dim)))
     if all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
@@ -252,14 +246,6 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
         found.say(f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
     else:
         found.say(f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
-
-
-def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
-    """Nodal forces of a load at a point, (N,)."""
-    discretisation = found.meshed
-    terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
-    amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
-    return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:

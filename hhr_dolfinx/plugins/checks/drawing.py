@@ -6,7 +6,7 @@ Imported on demand.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from hhr_dolfinx.plugins.checks.findings import SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import MeshLook
 from hhr_dolfinx.scene import Scene
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 with extra("pictures", "pictures of scenes and answers"):
     import matplotlib
 
     matplotlib.use("Agg")
 
+    from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import secrets
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -15,14 +14,12 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, SceneError
 from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History
 
 with extra("pictures", "fields for ParaView"):
     import pyvista
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
 
 ENDINGS = (".vtkhdf", ".vtu")
 

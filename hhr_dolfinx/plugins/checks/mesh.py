@@ -8,13 +8,12 @@ from itertools import combinations
 import numpy as np
 from dolfinx import geometry
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.full_order.checks import CORNERS
+from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
@@ -66,13 +65,9 @@ class MeshLook:
 
     def pieces_of(self, body: int) -> np.ndarray:
         """Connected component of a body that each node belongs to, from 0; -1 for other nodes, (nodes,)."""
-        cells = self.cells[self.owner == body]
-        count = len(self.points)
-        starts = np.repeat(cells[:, :1], cells.shape[1], axis=1)
-        graph = csr_matrix((np.ones(cells.size), (starts.ravel(), cells.ravel())), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
+        part = components_of_nodes(len(self.points), self.cells[self.owner == body])
         inside = self.nodes_of(body)
-        pieces = np.full(count, -1)
+        pieces = np.full(len(part), -1)
         pieces[inside] = np.unique(part[inside], return_inverse=True)[1]
         return pieces
 

@@ -9,7 +9,7 @@ Eng. 24, 1987). It is an estimate, not a bound.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import ufl
@@ -20,11 +20,9 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.full_order.stress import field_of, stress_in_body
 from hhr_dolfinx.models.answer import Answer
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
 
 PRECISE = 1e-8
 """Residual of the projections: masses are well-conditioned, and some twenty steps reach it."""
@@ -93,7 +91,8 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     dx = discretisation.cells(body.tag)
     sigma = stress_in_body(discretisation, place, field, point)
     scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
-    trial, test = ufl.TrialFunction(scalars), ufl.TestFunction(scalars)
+    trial = ufl.TrialFunction(scalars)
+    test = ufl.TestFunction(scalars)
     mass = csr_matrix(fem.assemble_matrix(fem.form(weight * trial * test * dx)).to_scipy())
     recovered: dict[tuple[int, int], Any] = {}
     for i, j in [(0, 0), (1, 1), (2, 2), (0, 1), *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else [])]:
@@ -136,16 +135,10 @@ def _peak_error(full: FullOrderModel, answer: Answer) -> float:
     around = (problem.cell_nodes == node).any(axis=1)
     stress = full.stress_of(answer.displacement(), answer.parameter)[around].mean(axis=0)
     peak = float(pressures.max())
-    return abs(-_along(stress, normal) - peak) / peak
-
-
-def _along(stress: np.ndarray, normal: np.ndarray) -> float:
-    """n·σ n of a stress in Kelvin's notation, (4,) or (6,)."""
-    shear = [(0, 1)] if stress.size == 4 else [(0, 1), (0, 2), (1, 2)]
-    direct = float(stress[:3] @ normal**2)
-    return direct + float(
-        sum(np.sqrt(2) * value * normal[i] * normal[j] for value, (i, j) in zip(stress[3:], shear, strict=True))
-    )
+    # n·σ n in Kelvin's notation, (4,) or (6,)
+    shear = np.sqrt(2) * np.array([normal[0] * normal[1], normal[0] * normal[2], normal[1] * normal[2]])
+    along = float(stress @ np.append(normal**2, shear)[: stress.size])
+    return abs(-along - peak) / peak
 
 
 def _number(value: float | str, names: tuple[str, ...], point: np.ndarray) -> float:

@@ -6,21 +6,25 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_matrix, hstack
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.certify.compare import residuals_of
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.errors import ClaimError, HHRError, NotOfferedError, PairingWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.loads import Pressure
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.online.model_file import load_model, save_model
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
@@ -49,14 +53,6 @@ from hhr_dolfinx.testing import (
     require,
 )
 from hhr_dolfinx.warn import ignored
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from hhr_dolfinx.contact.law import ContactLaw
-    from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import AnsweringModel, KeptModel
-
 
 WRONG = {
     "file": OTHER_IN_A_FILE,
@@ -287,7 +283,8 @@ def check_contact_law(law: Any) -> None:
     """
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
-    low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)
+    low = np.array(full.parameters.lower)
+    width = np.array(full.parameters.upper) - low
     shares = (
         (0.0, 0.0, 0.0, 0.0),
         (0.6, 0.5, 0.2, 0.0),
@@ -295,7 +292,7 @@ def check_contact_law(law: Any) -> None:
         (0.9, 0.1, 0.5, 0.1),
         (0.2, 0.5, 0.0, 1.0),
     )
-    path = [(float(k), low + (high - low) * share) for k, share in enumerate(shares)]
+    path = [(float(k), low + width * share) for k, share in enumerate(shares)]
     own = full.law
     _require(own.plugin == law.plugin and own.remembers, "law")
     rows = full.conditions

@@ -7,7 +7,7 @@ value and a name. For each function a number states the request, by its bits: 1 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,10 +20,8 @@ from hhr_dolfinx.errors import (
     ParameterError,
 )
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.doors.function import OutputFunction
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
 
 VALUE = 1
 GRADIENT = 2

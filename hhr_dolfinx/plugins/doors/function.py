@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import AnsweringModel
 
 
 class OutputFunction:
-    """The outputs of a scene as a function of its parameters.
+    """The outputs of a scene as a function of its parameters; ``names`` and ``outputs`` have the names of both.
 
     Args:
         model: of any kind. With friction or inelastic bodies, a point is one step from rest.
         outside: treatment of points outside the training range, see :meth:`hhr_dolfinx.models.answer.Model.solve`.
             Other programs see no warnings of Python, so such a point is refused by default.
-
-    Attributes:
-        names: of the parameters, in their order.
-        outputs: names of the outputs, in their order.
 
     Raises:
         NotOfferedError: for a model of a scene without outputs.

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.doors.function import OutputFunction
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
-
 
 with extra("doors", "a function of OpenTURNS"):
     import openturns
 
 
 def openturns_function(model: AnsweringModel, outside: str = "refuse") -> Any:
-    """The outputs of a scene as an ``openturns.Function`` of its parameters.
-
-    Args:
-        model, outside: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
-    """
+    """The outputs of a scene as an ``openturns.Function`` of its parameters, see :class:`OutputFunction`."""
     function = OutputFunction(model, outside)
     made = openturns.PythonFunction(
         len(function.names),

@@ -8,17 +8,15 @@ derivatives, ``solution_error_estimate`` the bound of the displacement in the en
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.doors.function import OutputFunction
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import AnsweringModel
 
 with extra("doors", "a model of pyMOR"):
     from pymor.models.interface import Model, OutputDMuResult
@@ -29,9 +27,8 @@ class PyMORModel(Model):
     """A model with the interface of pyMOR, in which each parameter of the scene has dimension one.
 
     Args:
-        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
+        model, outside: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
         name: of the model.
-        outside: treatment of points outside the training range, see there.
 
     Raises:
         BoundError: if an error estimate is requested and the model has none.

@@ -6,16 +6,13 @@ The input is one array, the parameters; the output is one array, the outputs of 
 from __future__ import annotations
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.doors.function import OutputFunction
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
-
 
 with extra("doors", "a Tesseract"):
     from pydantic import Field, create_model, field_validator
@@ -77,7 +74,7 @@ class Endpoints:
 
 
 def tesseract_api(model: AnsweringModel) -> ModuleType:
-    """API of a model as a module, for ``Tesseract.from_tesseract_api``.
+    """API of a model, see :class:`OutputFunction`, as a module, for ``Tesseract.from_tesseract_api``.
 
     ``tesseract build`` requires a file ``tesseract_api.py`` of three lines::
 
@@ -85,9 +82,6 @@ def tesseract_api(model: AnsweringModel) -> ModuleType:
         from hhr_dolfinx.plugins.doors.tesseract import tesseract_api
 
         globals().update(vars(tesseract_api(hhr.load_model("model.npz"))))
-
-    Args:
-        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
     """
     made = Endpoints(model)
     api = ModuleType("tesseract_api", "Contact problem of a condensed or reduced model.")

@@ -13,17 +13,14 @@ import socket
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, ParameterError
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.doors.function import OutputFunction
 from hhr_dolfinx.version import __version__
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
-
 
 VERSION = 1.0
 """Version of the protocol."""
@@ -178,16 +175,13 @@ class _Handler(BaseHTTPRequestHandler):
         if "Transfer-Encoding" in self.headers or not (text.isascii() and text.isdigit()):
             raise self._unread(HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks")
         if len(text) > 9 or int(text) > MOST_BYTES:
-            self._skip(int(text[:9]))
+            # a client must finish sending to read the reason
+            left = min(int(text[:9]), MOST_SKIPPED)
+            while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
+                left -= len(piece)
             size = f"a request of {text[:20]} bytes is more than the limit of {MOST_BYTES}"
             raise self._unread(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time")
         return self.rfile.read(int(text))
-
-    def _skip(self, count: int) -> None:
-        """Read and discard what a client sends, up to a limit: a client must finish sending to read the reason."""
-        left = min(count, MOST_SKIPPED)
-        while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
-            left -= len(piece)
 
     def _unread(self, status: HTTPStatus, message: str) -> RequestError:
         """Error that closes the connection: the bytes that follow are not the next request."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -20,11 +20,9 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
-    from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.parameters import PointLike
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
@@ -173,9 +171,7 @@ def _text(value: float) -> str:
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
-    if not isinstance(value, str):
-        return float(value)
-    return float(Scalar(value, discretisation.scene.parameters.names).value(point))
+    return float(Scalar(str(value), discretisation.scene.parameters.names).value(point))
 
 
 def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,12 +23,13 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
+from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 from hhr_dolfinx.reduction.build import build, check_given
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Record
-from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.snapshots.records import Progress, SnapshotSet
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.study.training.train import Training
 
-Progress = Callable[[Iterable], Iterable]
 DRAWN = 200
 """Random points of a region at which models of its cluster are estimated."""
 TINY = 1e-16
@@ -148,7 +147,7 @@ class Clusters:
                 model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
             models.append(model)
             record.facts.add(model, members[number], int((labels == number).sum()), errors, doubts, 0)
-        return together(models, choice.reaching(self.strip * width), snapshots, record)
+        return together(models, replace(choice, reach=self.strip * width), snapshots, record)
 
     def _best(
         self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
@@ -160,7 +159,11 @@ class Clusters:
         for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
             try:
                 if self.modes is not None or self.conditions is not None:
-                    self._check_sizes(*sizes(full, snapshots, item))
+                    limits = self.modes, self.conditions
+                    for count, most, what in above(sizes(full, snapshots, item), limits):
+                        raise StudyError(
+                            f"{count} {what}, and not {most} at most: give a larger tolerance, or more clusters"
+                        )
                 model, doubts = built(full, snapshots, item, held_out)
             except HHRError as error:
                 if not self.others:
@@ -176,32 +179,28 @@ class Clusters:
             raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
         return min(found, key=lambda item: item[0])[1:]
 
-    def _check_sizes(self, modes: int, conditions: int) -> None:
-        """StudyError for a model that is larger than allowed."""
-        for found, most, what in above((modes, conditions), (self.modes, self.conditions)):
-            raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
-
     def _on_grid(self, snapshots: SnapshotSet) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
         from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
 
         try:
-            cells = grid_cells(snapshots.points).cells
+            grid = grid_cells(snapshots.points)
         except ReductionError:
             return None
-        found = cell_labels(snapshots.points, snapshots.displacements, self.count, seed=self.seed)
-        choice = tree_of_cells(cells, found.labels)
-        return choice, [found.snapshots(number) for number in range(self.count)]
+        labels = cell_labels(grid, snapshots.displacements, self.count, self.seed)
+        # clusters share the snapshots at their borders
+        members = [np.unique(grid.corners[labels == number]) for number in range(self.count)]
+        return tree_of_cells(grid.cells, labels), members
 
     def _anywhere(
         self, snapshots: SnapshotSet, space: ParameterSpace, width: np.ndarray
     ) -> tuple[Choice, list[np.ndarray]]:
         """Partition by a forest, and the snapshots of each cluster with those near its borders."""
-        from hhr_dolfinx.plugins.local.clusters import forest_tree, snapshot_labels
+        from hhr_dolfinx.plugins.local.clusters import forest_tree, medoids
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
         loaded, nearest = _loaded(snapshots, width)
-        labels[loaded] = snapshot_labels(snapshots.displacements[:, loaded], self.count, seed=self.seed)
+        labels[loaded] = medoids(snapshot_distances(snapshots.displacements[:, loaded]), self.count, self.seed)
         labels = labels[nearest]
         choice = forest_tree(snapshots.points, labels, space, self.seed)
         reach = self.overlap * width

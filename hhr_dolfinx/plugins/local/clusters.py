@@ -7,21 +7,17 @@ they select the local model that answers, section 4.2.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.local.models import LEAF, Choice
-from hhr_dolfinx.plugins.local.subspaces import basis_distances, coordinates, snapshot_distances
+from hhr_dolfinx.plugins.local.subspaces import basis_distances, coordinates
 from hhr_dolfinx.reduction.modes import pod
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
-
 
 with extra("local", "a classifier of parameters"):
     from sklearn.ensemble import RandomForestClassifier
@@ -33,6 +29,9 @@ TREES = 100
 """Trees of a forest."""
 STARTS = 5
 """Random starts of k-medoids, in addition to a greedy one; the best result counts."""
+TOLERANCE = 1e-8
+"""Of the POD of each cell. An additional mode counts as a right angle in (4.2), so that a loose one clusters cells by
+their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b, at 1e-6 and below."""
 SAME = 1e-9
 """Difference of two values of a parameter over its range, below which they are one value of a grid."""
 
@@ -42,19 +41,6 @@ class GridCells(NamedTuple):
 
     cells: np.ndarray  # lower and upper corner, (C, 2, P); flat along a parameter of which the grid has one value
     corners: np.ndarray  # numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary
-
-
-@dataclass(frozen=True)
-class CellClusters:
-    """Clusters of cells of a regular grid: labels from 0, (C,), and (4.1), (C, C)."""
-
-    grid: GridCells
-    labels: np.ndarray
-    dissimilarity: np.ndarray
-
-    def snapshots(self, label: int) -> np.ndarray:
-        """Numbers of the snapshots at the corners of the cells of a label, ascending; labels share those at borders."""
-        return np.unique(self.grid.corners[self.labels == label])
 
 
 def grid_cells(points: np.ndarray) -> GridCells:
@@ -87,7 +73,7 @@ def grid_cells(points: np.ndarray) -> GridCells:
     return GridCells(np.array(cells).transpose(2, 0, 1), corners)
 
 
-def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> list[np.ndarray]:
+def cell_bases(columns: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
     """Orthonormal bases of cells, (N, a_j <= k) each: POD of the snapshots at their corners, (C, k), section 4.2.1.
 
     Columns are snapshots, (N, S), or their :func:`~hhr_dolfinx.plugins.local.subspaces.coordinates`.
@@ -102,51 +88,22 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> li
             f"all snapshots at the corners of cells {empty[:10].tolist()} are zero, and span no space: leave out "
             "parameters without load"
         )
-    return [pod(columns[:, own], tolerance)[0] for own in corners]
+    return [pod(columns[:, own], TOLERANCE)[0] for own in corners]
 
 
-def cell_labels(
-    points: np.ndarray,
-    columns: np.ndarray,
-    count: int,
-    *,
-    tolerance: float = 1e-8,
-    seed: int = 1,
-    gram: csr_matrix | None = None,
-) -> CellClusters:
-    """Cluster cells of a regular grid, (S, P), whose snapshots, (N, S), span similar spaces, section 4.2.1.
+def cell_labels(grid: GridCells, columns: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
+    """Labels from 0, (C,), of cells of a grid whose snapshots, (N, S), span similar spaces, section 4.2.1.
 
     Args:
-        points, columns: the grid, and its snapshots.
+        grid: cells of the points of the snapshots.
+        columns: snapshots.
         count: K, the number of clusters.
-        tolerance: of the POD of each cell. An additional mode counts as a right angle in (4.2). So a loose tolerance
-            clusters cells by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
-            at 1e-6 and below.
         seed: of the random starts of k-medoids.
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
 
     Raises:
-        ReductionError: for points that are no grid, more clusters than cells, or snapshots that are not finite.
+        ReductionError: for more clusters than cells, or snapshots that are not finite.
     """
-    grid = grid_cells(points)
-    if np.ndim(columns) != 2 or np.shape(columns)[1] != len(points):
-        raise ReductionError(
-            f"snapshots of the shape {np.shape(columns)} need a column for each of {len(points)} points"
-        )
-    bases = cell_bases(coordinates(columns, gram), grid.corners, tolerance)
-    dissimilarity = basis_distances(bases)
-    return CellClusters(grid, medoids(dissimilarity, count, seed), dissimilarity)
-
-
-def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: csr_matrix | None = None) -> np.ndarray:
-    """Labels from 0, (S,), of snapshots, (N, S), that point in similar directions, section 4.2.2.
-
-    Args as of :func:`cell_labels`.
-
-    Raises:
-        ReductionError: for more clusters than snapshots, or snapshots that are zero or not finite.
-    """
-    return medoids(snapshot_distances(columns, gram), count, seed)
+    return medoids(basis_distances(cell_bases(coordinates(columns), grid.corners)), count, seed)
 
 
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
@@ -155,19 +112,20 @@ def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
     The best of several random starts and a greedy one counts. Labels 0 to K - 1, (n,), all of them used, have the order
     in which they first occur.
 
+    Args:
+        dissimilarity: symmetric, not negative and with a zero diagonal, (n, n).
+        count, seed: K, and the seed of the random starts.
+
     Raises:
-        ReductionError: for a matrix that is no dissimilarity, (n, n), more clusters than items, or an invalid seed.
+        ReductionError: for more clusters than items.
         MissingPackageError: without the package kmedoids.
     """
-    matrix = _dissimilarity(dissimilarity)
-    if not is_whole(count, 1) or count > len(matrix):
+    if count > len(dissimilarity):
         raise ReductionError(
-            f"{count!r} clusters of {len(matrix)} items: the number must be an integer from 1 to as many"
+            f"{count} clusters of {len(dissimilarity)} items: the number must be an integer from 1 to as many"
         )
-    if not is_whole(seed, 0):
-        raise ReductionError(f"seed = {seed!r} must be an integer that is not negative")
-    chosen = _chosen(matrix, int(count), int(seed))
-    labels = np.argmin(matrix[:, chosen], axis=1)
+    chosen = _chosen(dissimilarity, count, seed)
+    labels = np.argmin(dissimilarity[:, chosen], axis=1)
     labels[chosen] = np.arange(chosen.size)  # two equal ones would share a label, and leave another without items
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]
@@ -187,19 +145,6 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
         others = np.setdiff1d(np.arange(len(matrix)), chosen)
         chosen = np.append(chosen, others[np.argmax(matrix[others][:, chosen].min(axis=1))])
     return np.sort(chosen)
-
-
-def _dissimilarity(given: np.ndarray) -> np.ndarray:
-    """A dissimilarity as k-medoids needs it; ReductionError for an invalid one."""
-    matrix = np.ascontiguousarray(given, dtype=float)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ReductionError(f"a dissimilarity of the shape {matrix.shape} must be square, (n, n)")
-    if not np.isfinite(matrix).all() or (matrix < 0).any():
-        raise ReductionError("a dissimilarity must be finite and not negative: look for snapshots that are no numbers")
-    off = np.abs(matrix - matrix.T).max()
-    if off > 1e-9 * matrix.max() or np.diag(matrix).any():
-        raise ReductionError(f"a dissimilarity must be symmetric, and is not by {off:.2g}, with zeros on its diagonal")
-    return matrix
 
 
 def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ repeatedly have this form. A query passes about five cuts, in a microsecond or t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -66,12 +66,6 @@ class Choice:
             raise ReductionError("the cuts of a choice between models are no tree")
         if (self.label[self.axis == LEAF] < 0).any():
             raise ReductionError("a region of a choice between models has no model")
-
-    @classmethod
-    def whole(cls, parameters: int) -> Choice:
-        """One model for the whole box."""
-        none = np.zeros(1, dtype=np.int64)
-        return cls(none - 1, np.zeros(1), none, none, none, np.zeros(parameters))
 
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int, int]]:
@@ -132,10 +126,6 @@ class Choice:
             corners[low], corners[high] = halves_of(least, most, axis, min(max(cut, least[axis]), most[axis]))
         return found
 
-    def reaching(self, reach: np.ndarray) -> Choice:
-        """The same cuts with strips of another width, (P,)."""
-        return replace(self, reach=np.asarray(reach, dtype=float))
-
 
 def halves_of(
     lower: np.ndarray, upper: np.ndarray, axis: int, cut: float
@@ -181,11 +171,6 @@ class LocalModels(KeptModel):
     def fields(self) -> Reconstruction:
         """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
         return self.models[0].fields
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
 
     @property
     def own_conditions(self) -> int:

@@ -13,7 +13,7 @@ from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import POINTS, Proposal, Reductor, Search, Task, made
-from hhr_dolfinx.study.training.train import Training
+from hhr_dolfinx.study.training.train import Progress, Training, silent
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,13 @@ class Local(Reductor[Task]):
         yield Proposal(self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1]))
 
 
-def _silent(label: str) -> Callable[[Iterable], Iterable]:
-    return iter
-
-
 def local(
     training: Any,
     how: Any = None,
     *,
     recipe: Recipe | None = None,
     checked: bool = True,
-    progress: Callable[[str], Callable[[Iterable], Iterable]] = _silent,
+    progress: Progress = silent,
 ) -> LocalModels:
     """Build several small models instead of one, each for a part of the box, used like one; thesis chapter 4.
 

@@ -12,7 +12,6 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.local.clustered import (
     LocalFacts,
-    Progress,
     above,
     built,
     force_errors,
@@ -23,9 +22,10 @@ from hhr_dolfinx.plugins.local.clustered import (
     together,
 )
 from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels, halves_of
+from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Record
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import Progress, SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 
@@ -229,7 +229,6 @@ class _Run:
     def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
         """Halves of a part, cut between two clusters of its solutions; none after several cuts that did not help."""
         from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
-        from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 
         # zero displacements have no direction
         own = own[moving(self.snapshots.displacements[:, own])]

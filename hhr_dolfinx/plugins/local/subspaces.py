@@ -1,4 +1,4 @@
-"""Distances of spaces of displacements: principal angles, distances of bases and of snapshots, theorem 9.
+"""Distances of spaces of displacements, by principal angles: of bases and of snapshots; theorem 9.
 
 Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there are columns. This
 takes one factorisation of the size of the mesh for any number of pairs. Cosines do not resolve angles below 1e-8;
@@ -8,16 +8,12 @@ small angles are computed from sines, which are accurate to round-off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
-
 
 ORTHONORMAL = 1e-8
 """Largest entry of V^T V - I of a basis that counts as orthonormal."""
@@ -28,7 +24,7 @@ MOST_NUMBERS = 4_000_000
 
 
 class ChordalBounds(NamedTuple):
-    """Right sides of theorem 9, in the norm of the displacements.
+    """Right sides of theorem 9.
 
     Attributes:
         angles: (2.129), by all principal angles and the coordinates of the exact answer.
@@ -39,81 +35,24 @@ class ChordalBounds(NamedTuple):
     distance: float
 
 
-def coordinates(columns: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
-    """Columns in an orthonormal basis of their span: fewer numbers, the same lengths and products.
+def coordinates(columns: np.ndarray) -> np.ndarray:
+    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same lengths and products.
 
-    Args:
-        columns: (N, S).
-        gram: Gram matrix of the norm, (N, N), sparse or dense; None for the Euclidean one.
-
-    Returns:
-        (r, S), r = min(N, S), or the columns themselves if these have no more rows.
-
-    Raises:
-        ReductionError: for an invalid table of real numbers, or a matrix that is no Gram matrix for it.
+    ReductionError for an invalid table of real numbers.
     """
     columns = _checked("columns", columns)
     rows, count = columns.shape
-    if gram is None:
-        return columns if rows <= count else linalg.qr(columns, mode="r", check_finite=False)[0][:count]
-    if gram.shape != (rows, rows):
-        raise ReductionError(f"the Gram matrix has the shape {gram.shape}, and the columns {rows} rows")
-    directions, triangle = linalg.qr(columns, mode="economic", check_finite=False)
-    squares, axes = linalg.eigh(directions.T @ (gram @ directions))
-    if squares[0] < -1e-10 * abs(squares[-1]):
-        raise ReductionError(f"the Gram matrix is not positive: it has a square length of {squares[0]:.2g}")
-    return np.sqrt(np.maximum(squares, 0.0))[:, None] * (axes.T @ triangle)
+    return columns if rows <= count else linalg.qr(columns, mode="r", check_finite=False)[0][:count]
 
 
-def principal_angles(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
-    """Principal angles of the spans of two orthonormal bases, (2.131), (4.3).
+def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
+    """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair, (4.2).
+
+    It is the root of the sum of squares of the principal angles, (4.3), and of a right angle for each dimension that
+    one space has and the other lacks.
 
     Args:
-        one: (N, a).
-        other: (N, b).
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
-
-    Returns:
-        In radians, ascending, (min(a, b),); each is accurate to about 1e-15, however small.
-
-    Raises:
-        ReductionError: for a basis that is not orthonormal, or of another mesh.
-    """
-    second, first = sorted(_together({"one": one, "other": other}, gram), key=lambda part: part.shape[1])
-    # scipy.linalg.subspace_angles computes small angles from cosines if others of the same spaces are large
-    products = first.T @ second
-    cosines = linalg.svdvals(products)
-    sines = linalg.svdvals(second - first @ products)[::-1]
-    return np.where(cosines**2 > 0.5, np.arcsin(np.minimum(sines, 1.0)), np.arccos(np.minimum(cosines, 1.0)))
-
-
-def chordal_distance(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> float:
-    """Chordal distance of the spans of two orthonormal bases, (2.131): |sin(theta)|_F.
-
-    If dimensions differ, each surplus one counts as a right angle, as in (4.2). See :func:`principal_angles`.
-    """
-    sines = np.sin(principal_angles(one, other, gram))
-    return float(np.sqrt(abs(one.shape[1] - other.shape[1]) + sines @ sines))
-
-
-def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> float:
-    """Grassmann distance of the spans of two orthonormal bases, (4.2), whose dimensions may differ.
-
-    In radians: the root of the sum of squares of the principal angles, and of a right angle for each dimension that
-    one space has and the other lacks. See :func:`principal_angles`.
-    """
-    angles = principal_angles(one, other, gram)
-    return float(np.sqrt(abs(one.shape[1] - other.shape[1]) * np.pi**2 / 4 + angles @ angles))
-
-
-def basis_distances(bases: Sequence[np.ndarray], gram: csr_matrix | None = None) -> np.ndarray:
-    """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair.
-
-    With many bases, give them in common :func:`coordinates`: their products take the time.
-
-    Args:
-        bases: orthonormal, (N, a_j) each, of any dimensions.
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
+        bases: orthonormal, (N, a_j) each; give many in common :func:`coordinates`: their products take the time.
 
     Returns:
         Symmetric with a zero diagonal, (n, n), in radians.
@@ -121,7 +60,7 @@ def basis_distances(bases: Sequence[np.ndarray], gram: csr_matrix | None = None)
     Raises:
         ReductionError: for a basis that is not orthonormal, or of another mesh.
     """
-    parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)}, gram)
+    parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)})
     counts = np.array([part.shape[1] for part in parts])
     padded = np.zeros((len(parts), counts.max(), len(parts[0])))
     for rows, part in zip(padded, parts, strict=True):
@@ -129,15 +68,11 @@ def basis_distances(bases: Sequence[np.ndarray], gram: csr_matrix | None = None)
     return _distances(padded, counts)
 
 
-def snapshot_distances(columns: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
-    """Dissimilarity of snapshots, (4.4): the angle between the lines that they span.
+def snapshot_distances(columns: np.ndarray) -> np.ndarray:
+    """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that they span.
 
     The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
     a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|.
-
-    Args:
-        columns: of any lengths, (N, S).
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
 
     Returns:
         Symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12.
@@ -145,7 +80,7 @@ def snapshot_distances(columns: np.ndarray, gram: csr_matrix | None = None) -> n
     Raises:
         ReductionError: for snapshots that are not finite, or zero, which have no direction.
     """
-    found = coordinates(columns, gram)
+    found = coordinates(columns)
     # squares of very small or large displacements would not be finite
     scales = np.abs(found).max(axis=0)
     if not scales.all():
@@ -158,9 +93,7 @@ def snapshot_distances(columns: np.ndarray, gram: csr_matrix | None = None) -> n
     return _distances(lines[:, None], np.ones(len(lines), dtype=np.int64))
 
 
-def theorem_9(
-    exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0, gram: csr_matrix | None = None
-) -> ChordalBounds:
+def theorem_9(exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0) -> ChordalBounds:
     """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles of their spaces.
 
     The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space. If this has more
@@ -170,14 +103,13 @@ def theorem_9(
         exact: V*, orthonormal, (N, ell).
         reduced: V of the reduced model, orthonormal, (N, m).
         weights: gamma*, with which V* gamma* is the exact answer, (ell,).
-        factor: 1 + M_a / alpha' of theorem 6, in the same norm.
-        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
+        factor: 1 + M_a / alpha' of theorem 6, in the Euclidean norm, as in the thesis.
 
     Raises:
         ReductionError: for a basis that is not orthonormal, weights of another size or not finite, or a factor
             that is not positive.
     """
-    first, second = _together({"exact": exact, "reduced": reduced}, gram)
+    first, second = _together({"exact": exact, "reduced": reduced})
     weights = np.asarray(weights, dtype=float)
     if weights.shape != first.shape[1:] or not np.isfinite(weights).all():
         raise ReductionError(f"gamma* = {weights!r} must be {first.shape[1]} finite numbers, one for each column of V*")
@@ -232,7 +164,7 @@ def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.nd
     return np.concatenate(found)
 
 
-def _together(bases: dict[str, np.ndarray], gram: csr_matrix | None) -> list[np.ndarray]:
+def _together(bases: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Bases by their names in common coordinates, checked to be orthonormal."""
     if not bases:
         raise ReductionError("no basis is given: distances are those of at least one")
@@ -241,13 +173,13 @@ def _together(bases: dict[str, np.ndarray], gram: csr_matrix | None) -> list[np.
     if len(sizes) > 1:
         raise ReductionError(f"bases have {sorted(sizes)} rows: give those of one mesh")
     ends = np.cumsum([basis.shape[1] for basis in given])
-    parts = np.hsplit(coordinates(np.hstack(given), gram), ends[:-1])
+    parts = np.hsplit(coordinates(np.hstack(given)), ends[:-1])
     for name, part in zip(bases, parts, strict=True):
         off = np.abs(part.T @ part - np.eye(part.shape[1])).max()
         if off > ORTHONORMAL:
             raise ReductionError(
-                f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it in the norm of the "
-                "angles, by a QR factorisation for instance"
+                f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it, by a QR "
+                "factorisation for instance"
             )
     return parts
 

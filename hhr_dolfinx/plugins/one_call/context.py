@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,24 +19,22 @@ from hhr_dolfinx.errors import (
     SceneWarning,
     SmallStrainWarning,
 )
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
+from hhr_dolfinx.plugins.paths.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.reductor import Reductor, check_claim
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
+from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-    from hhr_dolfinx.snapshots.store import ArrayStore
 
 FRESH_SEED = 7000
 """Offset of the seed for points of checks, which then differ from those of any training."""
@@ -64,8 +63,7 @@ class SearchContext:
     Attributes:
         full, workers: the full model, on one rank, and the ranks that solve for exact answers.
         target, budget: accuracy of the model, and limits of the cost.
-        family: paths, if answers depend on them; None if queries are points.
-        seed: of random draws.
+        family, seed: paths, if answers depend on them; None if queries are points; and the seed of random draws.
         progress: receives each stage, and the share of it that is done.
         store: keeps solutions of connected components; None keeps them in memory alone.
         errors: of models, in the norms of the target.
@@ -161,7 +159,7 @@ class SearchContext:
 
     def check_affordable(self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0) -> None:
         """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed the budget."""
-        count = len({_key(question) for question in questions} - self._known.keys())
+        count = self._unsolved(questions)
         answers = self.budget.full_answers
         if answers is not None and count and self.solved + count + besides > answers:
             raise BudgetSpentError(
@@ -170,6 +168,10 @@ class SearchContext:
             )
         if self.clock.seconds + self._duration(count) > self.deadline:
             raise BudgetSpentError(f"{what} would take about {_about(self._duration(count))} s, and {self._left()}")
+
+    def _unsolved(self, questions: np.ndarray | Sequence[AnswerPath]) -> int:
+        """Number of queries that are not solved yet."""
+        return len({_key(question) for question in questions} - self._known.keys())
 
     def training(self, count: int) -> Training:
         """About so many training answers, including those of smaller trainings and of checks.
@@ -264,10 +266,12 @@ class SearchContext:
         rows = []
         with ignored(OutsideTrainingWarning):
             for item in exact:
-                try:
-                    answers = _found(model, item)
-                except HHRError:
-                    answers = []
+                answers: list[Answer] = []
+                with suppress(HHRError):
+                    if isinstance(item, History):
+                        answers = retraced(model, item).answers
+                    else:
+                        answers = [model.solve(item.parameter, outside="ignore", raise_on_failure=False)]
                 rows.append(self.errors.of(answers, item))
         return np.array(rows)
 
@@ -275,7 +279,9 @@ class SearchContext:
         self, questions: np.ndarray | Sequence[AnswerPath], label: str, lost: Lost
     ) -> Iterator[Answer | History]:
         """Exact answers; queries without one are reported to ``lost``."""
-        self.announce(self._planned(label, questions), 0.0)
+        count = self._unsolved(questions)
+        seconds = self._duration(count)
+        self.announce(f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else ""), 0.0)
         for place, question in enumerate(questions):
             key = _key(question)
             if key not in self._known:
@@ -284,12 +290,6 @@ class SearchContext:
             found = self._known[key]
             if found is not None:
                 yield found
-
-    def _planned(self, label: str, questions: np.ndarray | Sequence[AnswerPath]) -> str:
-        """A stage of full answers with their number, and their expected time if it is known."""
-        count = len({_key(question) for question in questions} - self._known.keys())
-        seconds = self._duration(count)
-        return f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else "")
 
     def _solve(self, questions: np.ndarray | Sequence[AnswerPath], lost: Lost) -> None:
         """Solve the first of some queries, and as many after it as there are ranks."""
@@ -326,13 +326,6 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
     if not listed:
         raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
     return SnapshotSet.of_histories(listed) if isinstance(listed[0], History) else SnapshotSet.of_answers(listed)
-
-
-def _found(model: AnsweringModel, exact: Exact) -> list[Answer]:
-    """Answers of a model to the query of exact ones."""
-    if isinstance(exact, History):
-        return retraced(model, exact).answers
-    return [model.solve(exact.parameter, outside="ignore", raise_on_failure=False)]
 
 
 def _key(question: np.ndarray | AnswerPath) -> bytes:

@@ -21,8 +21,7 @@ class Tried:
     """One model of the search.
 
     Attributes:
-        method: ``condensed``, ``hhr`` or ``local``.
-        setting: its settings.
+        method, setting: ``condensed``, ``hhr`` or ``local``, and its settings.
         full_answers: of the full model from the start of the search to the check of this model.
         seconds: to build it, including its full answers.
         query: median seconds of a query of the target, for a point or a history; NaN if it was not timed.
@@ -56,12 +55,10 @@ class Reduction:
     """Record of a search, see :func:`~hhr_dolfinx.plugins.one_call.search.reduce`.
 
     Attributes:
-        scene: its name.
-        wish: target accuracy.
+        scene, wish: its name, and the target accuracy.
         tried: models in the order of the search.
         chosen: number of the returned model; None if there is no model.
-        full_answers: all that were solved for.
-        seconds: of the whole search.
+        full_answers, seconds: of the whole search.
         reason: why the target is not met, or empty.
     """
 

@@ -14,12 +14,12 @@ import logging
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -47,16 +47,17 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.plain import finite
-from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
-from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
+from hhr_dolfinx.plugins.paths.path_families import PathFamily
+from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes, ways
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
@@ -64,13 +65,11 @@ from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
-
-
 _log = logging.getLogger(__name__)
 
+MANY = 1000
+"""Number of contact conditions above which a hyper-reduced model is tried after a condensed one of sufficient accuracy;
+a heuristic, since the faster one is found by timing."""
 LOOKED_AT = 500
 """Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
@@ -203,23 +202,17 @@ def _opened(
     """Folder of the results, and in it stores of full answers and of solutions of connected components."""
     if folder is None:
         return None, None, None
-    kept = _free_folder(folder, full.scene.name)
-    store = SnapshotStore(kept / "snapshots", full)
-    return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
-
-
-def _free_folder(folder: str | Path, scene: str) -> Path:
-    """Check that a folder holds no model of another scene."""
     if not str(folder):
         raise StudyError("folder='' has no name: give one, or None to keep nothing")
-    path = checked_folder(folder)
-    try:
-        other = json.loads((path / KEPT).read_text(encoding="utf-8")).get("scene")
-    except (OSError, ValueError, AttributeError):
-        return path
+    kept = checked_folder(folder)
+    scene = full.scene.name
+    other = None
+    with suppress(OSError, ValueError, AttributeError):
+        other = json.loads((kept / KEPT).read_text(encoding="utf-8")).get("scene")
     if other not in (None, scene):
-        raise StudyError(f"the folder {path} holds a model of scene '{other}': choose another one for '{scene}'")
-    return path
+        raise StudyError(f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'")
+    store = SnapshotStore(kept / "snapshots", full)
+    return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
 
 
 def _full_model(scene: object) -> FullOrderModel:
@@ -232,13 +225,8 @@ def _full_model(scene: object) -> FullOrderModel:
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:
     name = full.scene.name
-    if paths is not None:
-        from hhr_dolfinx.plugins.paths.path_families import PathFamily  # needed by searches along paths only
-
-        if not isinstance(paths, PathFamily):
-            raise StudyError(
-                f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn"
-            )
+    if not isinstance(paths, PathFamily | None):
+        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
     if full.equilibrium is not None and paths is None:
         raise NotOfferedError(
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
@@ -265,6 +253,12 @@ def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction
     return found.models[reduction.chosen], reduction
 
 
+def attempts(context: SearchContext) -> Iterator[Proposal]:
+    """Models of all reductors of a scene: first those that keep all contact conditions."""
+    for way in ways(context.full):
+        yield from registry.load(way.place)().proposals(context)
+
+
 class _Found:
     """Models of a search so far, None for one that was not built, a row for each, and the last error of one."""
 
@@ -282,8 +276,7 @@ class _Found:
     @property
     def reduction(self) -> Reduction:
         context = self._context
-        there = any(model is not None for model in self.models)
-        chosen = _chosen(self.tried, self.models, context.target) if there else None
+        chosen = _chosen(self.tried, self.models, context.target)
         tried = tuple(self.tried)
         return Reduction(
             context.full.scene.name, context.target, tried, chosen, context.solved, context.clock.seconds, self._reason
@@ -482,7 +475,7 @@ def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.
     return found
 
 
-def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
+def _worst_first(said: dict[str, np.ndarray]) -> np.ndarray:
     """Numbers of points, first those with the largest error relative to the median one."""
     beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
     return np.argsort(-np.max(beside, axis=0), kind="stable")
@@ -538,8 +531,11 @@ def _size(model: KeptModel) -> int:
         return target.stat().st_size
 
 
-def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> int:
-    """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all."""
+def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> int | None:
+    """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all.
+
+    None without any model.
+    """
 
     def worst(number: int) -> float:
         errors = tried[number].errors
@@ -548,6 +544,6 @@ def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> in
     there = [number for number, model in enumerate(models) if model is not None]
     met = [number for number in there if tried[number].met]
     if not met:
-        return min(there, key=worst)
+        return min(there, key=worst, default=None)
     quickest = min(tried[number].query for number in met)
     return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from mpi4py.MPI import Comm
 
 from hhr_dolfinx import errors
 from hhr_dolfinx.errors import class_of
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
-
-    from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.snapshots.store import SnapshotStore
 
 Found = Answer | History | errors.HHRError
 

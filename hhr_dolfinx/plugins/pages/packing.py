@@ -28,16 +28,14 @@ _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow:
 
 
 class Packed:
-    """Arrays of a model by name, little-endian and contiguous, with their number formats, such as ``<f8``."""
+    """Arrays of a model by name, little-endian and contiguous."""
 
     def __init__(self) -> None:
         self.arrays: dict[str, np.ndarray] = {}
-        self.kinds: dict[str, str] = {}
 
     def put(self, name: str, array: object, kind: str = "<f8") -> str:
         """Add an array; returns its name."""
         self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
-        self.kinds[name] = kind
         return name
 
     @property
@@ -48,13 +46,12 @@ class Packed:
     def take(self, others: Packed) -> None:
         """Add the arrays of another collection."""
         self.arrays |= others.arrays
-        self.kinds |= others.kinds
 
     def texts(self) -> dict[str, dict[str, Any]]:
-        """Arrays as text, base64."""
+        """Arrays as text, base64, with their shapes and number formats, such as ``<f8``."""
         return {
             name: {
-                "kind": self.kinds[name],
+                "kind": array.dtype.str.replace("|", "<"),
                 "shape": list(array.shape),
                 "data": base64.b64encode(array.tobytes()).decode(),
             }

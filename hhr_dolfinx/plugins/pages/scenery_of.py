@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
 from hhr_dolfinx.plugins.stress.mesh import moduli_of, strains_of_cells
 from hhr_dolfinx.scene import Scene
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
-
 
 PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 """Triangles of a triangle, and of a quadrilateral with corners in circular order."""

@@ -7,9 +7,6 @@ from typing import NamedTuple
 
 from hhr_dolfinx.plugins.studies.measure import Report
 
-CONDENSED = "condensed"
-HHR = "hhr"
-FOM_BEST = "fom_best"
 ALIKE = 1e-9
 """Relative force error below which methods count as equally accurate."""
 
@@ -42,12 +39,12 @@ def advice_exact(report: Report) -> Advice:
     )
     if exact <= 3 * reduced:
         return Advice(
-            CONDENSED,
+            "condensed",
             f"Use exact condensation while the stiffness stays constant: {figures}. "
             "Use the hyper-reduced model where few queries need the displacement field, or memory is short.",
         )
     why = f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
-    return Advice(HHR, why)
+    return Advice("hhr", why)
 
 
 def advice_alone(report: Report) -> Advice:
@@ -57,7 +54,7 @@ def advice_alone(report: Report) -> Advice:
     reduced = times["online_forces"]["median"]
     best = times["fom_best"]["median"]
     return Advice(
-        HHR if reduced < best else FOM_BEST,
+        "hhr" if reduced < best else "fom_best",
         f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
         f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {percent(error['median'])} "
         f"median, {percent(error['max'])} at most). No condensation is built in for this scene.",

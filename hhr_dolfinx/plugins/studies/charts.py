@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import NamedTuple
 
+import numpy as np
+
 WIDTH = 640
 HEIGHT = 360
 """Sizes of a chart, in units of the SVG."""
@@ -60,10 +62,6 @@ class _Axis:
         part = (math.log10(min(max(value, LEAST), MOST)) - self.low) / (self.high - self.low)
         return self.begin + part * (self.end - self.begin)
 
-    def ticks(self) -> list[int]:
-        step = max(1, math.ceil((self.high - self.low) / 9))
-        return list(range(self.low, self.high + 1, step))
-
 
 def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
     """A chart with the names of its axes."""
@@ -84,7 +82,7 @@ def _text(x: float, y: float, anchor: str, content: object) -> str:
 def _ticks(axis: _Axis, up: bool = False) -> list[str]:
     """Lines and numbers at the powers of ten."""
     parts = []
-    for k in axis.ticks():
+    for k in range(axis.low, axis.high + 1, max(1, math.ceil((axis.high - axis.low) / 9))):
         place = axis(10.0**k)
         power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
         line = f"M{LEFT} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
@@ -167,11 +165,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
 
 
 def _counted(values: Sequence[float], axis: _Axis) -> list[int]:
-    counts = [0] * BINS
-    for value in values:
-        part = (axis(value) - axis.begin) / (axis.end - axis.begin)
-        counts[min(BINS - 1, max(0, int(part * BINS)))] += 1
-    return counts
+    found: list[int] = np.histogram([axis(value) for value in values], BINS, (axis.begin, axis.end))[0].tolist()
+    return found
 
 
 def map_of(

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+import numpy as np
 
 from hhr_dolfinx import registry
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import Answer, History
-    from hhr_dolfinx.models.answer import Path as HistoryPath
-    from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.plugins.studies.advice import Advice
-    from hhr_dolfinx.plugins.studies.measure import Measurement, Report
-    from hhr_dolfinx.plugins.studies.view import View
-    from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.training.train import Training
-
-    Progress = Callable[[str], Callable[[Iterable], Iterable]]
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.answer import Path as HistoryPath
+from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.studies.advice import Advice
+from hhr_dolfinx.plugins.studies.measure import Measurement, Report
+from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.training.train import Progress, Training
 
 
 class StudiedLaws(Protocol):

@@ -10,25 +10,20 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from dolfinx.plot import vtk_mesh
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.view import View
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.units import Units
+from hhr_dolfinx.units import Units
 
 # files only: without a display VTK would first look for an X server and print an error
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
@@ -40,6 +35,7 @@ with extra("pictures", "pictures and fields for ParaView"):
     matplotlib.use("Agg")
 
     import pyvista
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Curves = dict[str, tuple[Any, Any]]
@@ -82,12 +78,11 @@ def draw_fields(
 
     The grid has displacements by model and the RID; ``cells`` has values of cells by quantity and model.
     """
-    quantities = dict(cells)
     points: dict[str, dict[str, np.ndarray]] = {}
     if view.component is not None:
         component, label = view.component
         points[label] = {model: grid.point_data[model][:, component] for model in fields}
-    for data, found in ((grid.point_data, points), (grid.cell_data, quantities)):
+    for data, found in ((grid.point_data, points), (grid.cell_data, cells)):
         for quantity, models in found.items():
             for model, values in models.items():
                 data[f"{quantity}, {model}"] = values
@@ -95,7 +90,7 @@ def draw_fields(
             data[f"{quantity}, difference"] = models[last] - models[first]
     grid.save(folder / "fields.vtu")
     warped = {model: grid.warp_by_vector(model) if view.deformed else grid for model in fields}
-    rows = [list(_row(quantity, models, warped)) for quantity, models in (points | quantities).items()]
+    rows = [list(_row(quantity, models, warped)) for quantity, models in (points | cells).items()]
     # the RID is drawn on the deformed mesh of the last model, every field on that of its model
     _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
 
@@ -261,20 +256,13 @@ def _pressures_of(
     marks = {}
     closed_forms = {}
     for name, (exact, found) in pairs.items():
-        problem = full.problem.at(exact.parameter)  # areas at the shape of the answer
-        lines[f"full order{name}"] = where, pressures(problem, pair, exact.forces())
-        marks[f"{method}{name}"] = where, pressures(problem, pair, found.forces())
+        lines[f"full order{name}"] = where, exact.pressure(full)[own]
+        marks[f"{method}{name}"] = where, found.pressure(full)[own]
         if view.closed_form is not None and pair == (view.pair or 0):
             closed_forms[f"closed form{name}"] = where, view.closed_form(where, exact.forces()[own].sum())
     tags = " and ".join(str(tag) for tag in full.scene.contacts[pair].tags)
     title = f"contact {pair}: {tags}"
     return Panel(title, (label, f"contact pressure [{view.stress}]"), lines | closed_forms, marks)
-
-
-def pressures(problem: ContactProblem, pair: int, forces: np.ndarray) -> np.ndarray:
-    """Pressures of the contact conditions of a pair: nodal forces over tributary areas."""
-    own = problem.pressing_of(pair)
-    return forces[own] / problem.contact_areas[own]
 
 
 def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]) -> pyvista.UnstructuredGrid:

@@ -49,8 +49,9 @@ def measure_points(
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
     models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
+    alone = _twin(model, PetscLU)
     whole: Queries = {
-        "online_forces": _forces(_twin(model, PetscLU)),
+        "online_forces": lambda point: alone.solve(point).forces(),
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
     skipped = []
@@ -143,10 +144,6 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
     return {name: near(model.solve) if name.startswith("fom") else model.solve for name, model in models.items()}
-
-
-def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda point: model.solve(point).forces()
 
 
 def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:

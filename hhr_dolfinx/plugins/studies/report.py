@@ -7,30 +7,26 @@ import platform
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.command.console import Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies import page
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
 from hhr_dolfinx.plugins.studies.of_laws import study_of
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.certify.constants import Stability
-    from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.training.train import Training
-
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""
@@ -214,7 +210,6 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
 
 def print_report(report: Report, console: Console) -> None:
     """Print the main figures, in the words of ``report.html``."""
-    models = report.get("models", {})
     console.print(_sizes_in_words(report))
     console.print(_table(page.ERROR_HEAD, page.error_rows(report["errors"]).values()))
     console.print(_table(page.TIME_HEAD, page.time_rows(report["times"])))
@@ -229,18 +224,17 @@ def print_report(report: Report, console: Console) -> None:
     if counts:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
-    if "discretisation" in report:
-        console.print(_mesh_error_in_words(report["discretisation"]))
-    for name, item in {"paths": report, **{f"paths, {name}": item for name, item in models.items()}}.items():
-        for line in _path_lines(item["paths"]) if "paths" in item else ():
-            console.print(f"{name}: {line}")
+    if row := report.get("discretisation"):
+        # the error of the mesh is the scale of all others; numbers where nothing estimates it any more
+        place = registry.named("public").get("MeshError")
+        console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
     if report.get("time_error", {}).get("max"):
         console.print(_time_error_in_words(report["time_error"]))
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
-    for item in models.get("condensed", {}).get("refused_before", []):
+    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
         console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
@@ -262,12 +256,6 @@ def _sizes_in_words(report: Report) -> str:
     )
 
 
-def _mesh_error_in_words(row: dict[str, float]) -> str:
-    """Sentence on the error of the mesh, the scale of all other errors; numbers where nothing estimates it any more."""
-    place = registry.named("public").get("MeshError")
-    return registry.load(place)(**row).in_words() if place else f"mesh: {row}"
-
-
 def _time_error_in_words(row: Report) -> str:
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
@@ -286,16 +274,6 @@ def _lines(name: str, row: Report | None) -> Iterator[str]:
     for key, value in row.items():
         if isinstance(value, dict):
             yield from _lines(f"{name}, {key}", value)
-
-
-def _path_lines(paths: Report) -> Iterator[str]:
-    inside = paths["inside"]
-    outside = paths["outside"]
-    if inside:
-        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
-        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
-    silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
-    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
 def _cpu() -> str:

@@ -39,8 +39,7 @@ class Rival:
     """Another approximation to compare with, a baseline.
 
     Attributes:
-        method: its name.
-        setting: what distinguishes it from others of the same method.
+        method, setting: its name, and what distinguishes it from others of the same method.
         model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws, whose answers have
             ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
     """
@@ -107,8 +106,7 @@ def study_scene(
     """Train on all ranks, then build, measure and report on the first; None on the others.
 
     Args:
-        scene: the scene.
-        settings: what to measure.
+        scene, settings: the scene, and what to measure.
         folder: keeps training answers for later runs.
         points: test points, (n, P); None takes those of the settings.
         rivals: builds other approximations for the work-precision table.

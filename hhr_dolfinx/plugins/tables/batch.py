@@ -6,7 +6,6 @@ A parameter without an answer gets a reason and does not stop the others. Tables
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import HHRError, ParameterError
-from hhr_dolfinx.group import group_of
-from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
+from hhr_dolfinx.group import ALONE, group_of
+from hhr_dolfinx.models.answer import ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
@@ -26,22 +25,11 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
 
 OK = "ok"
 """Status of a row that has an answer."""
-
-
-def ranks_of(comm: Comm | None) -> tuple[int, int]:
-    """Number of this rank, and of all; without MPI there is one."""
-    return (0, 1) if comm is None else (comm.rank, comm.size)
-
-
-def each_for_itself(comm: Comm | None, task: str) -> AbstractContextManager[None]:
-    """A block that each rank executes independently, see :meth:`hhr_dolfinx.group.Group.each`."""
-    return nullcontext() if comm is None else group_of(comm).each(task)
 
 
 class Answers(NamedTuple):
@@ -130,12 +118,12 @@ def answer_points(
         ParameterError: if ``points`` is no table of points, or ``outside`` is unknown.
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
-    rank, size = ranks_of(comm)
-    with each_for_itself(comm, "answering the table"):
+    group = ALONE if comm is None else group_of(comm)
+    with group.each("answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
         query = Query(model, outside, displacement, estimates)
-        mine = np.array_split(points, size)[rank]
+        mine = np.array_split(points, group.size)[group.number]
         count = model.rows_at_once
         blocks = [mine[first : first + count] for first in range(0, max(len(mine), 1), count)]
         answers = Answers.joined([query(block) for block in progress(blocks)])
@@ -158,11 +146,6 @@ class Query:
         functionals = self.model.fields.functionals
         items = () if functionals is None else functionals.items
         return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
-
-    @property
-    def heads(self) -> list[str]:
-        """Heads of the columns of the outputs."""
-        return list(self.outputs.values())
 
     @property
     def bounded_outputs(self) -> dict[str, str]:
@@ -198,7 +181,7 @@ class Query:
                 self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
             except HHRError as error:  # a failure of this row; any other error is one of the program and ends the run
                 status[k] = str(error)
-        outputs = {head: table.pop(head) for head in self.heads}
+        outputs = {head: table.pop(head) for head in self.outputs.values()}
         estimates = {head: table.pop(head) for head in self.estimate_heads}
         return Answers(points, status, outputs=outputs, estimates=estimates, columns=columns, **table)
 
@@ -219,16 +202,11 @@ class Query:
                 status[k] = str(error)
         return status
 
-    @property
-    def _other_forces(self) -> bool:
-        """True if contacts have other forces than pressures; user-defined models have none."""
-        return isinstance(self.model, AnsweringModel) and self.model.law.remembers
-
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without values."""
-        names = [*self.heads, *self.estimate_heads]
+        names = [*self.outputs.values(), *self.estimate_heads]
         names += ["largest_displacement"] if self.displacement else []
-        names += ["total_force"] if self._other_forces else []
+        names += ["total_force"] if self.model.law.remembers else []
         table = {name: np.full(count, np.nan) for name in names}
         return table | {"forces": np.full((count, self.model.conditions), np.nan)}
 
@@ -239,14 +217,15 @@ class Query:
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
-        if self._other_forces:
+        if self.model.law.remembers:
             found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
-        if self.heads:
-            found |= dict(zip(self.heads, many.outputs().values(), strict=True))
+        if heads := self.outputs.values():
+            found |= dict(zip(heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if self.displacement:
-            found["largest_displacement"] = [self._largest(answer) for answer in many]
+            fields = (answer.displacement().reshape(-1, self.model.dimension) for answer in many)
+            found["largest_displacement"] = [np.linalg.norm(field, axis=1).max() for field in fields]
         for target, values in ((table, found), (columns, self.model.columns(many))):
             for name, value in values.items():
                 target[name][rows] = value
@@ -263,9 +242,6 @@ class Query:
             return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
         return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
-
-    def _largest(self, answer: Answer) -> float:
-        return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 
 def _table(points: PointsLike, space: ParameterSpace) -> np.ndarray:

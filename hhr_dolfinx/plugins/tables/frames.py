@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.tables.batch import answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
 
 
 def to_pandas(model: AnsweringModel, points: object, *, outside: str = "refuse", forces: bool = False) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -176,23 +177,17 @@ def _amplitude(item: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
 
 def _factored(stiffness: csc_matrix) -> SuperLU:
     """Factors of K without pivoting, which show that it is positive definite; else raise NotSolvableError."""
-    try:
+    with suppress(RuntimeError):  # a column of zeros
         factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:  # a column of zeros
-        factor = None
-    if factor is None or not _is_definite(stiffness, factor):
-        raise NotSolvableError(
-            "the stiffness is not positive definite: leave out dofs that are imposed, and hold all bodies"
-        )
-    return factor
-
-
-def _is_definite(stiffness: csc_matrix, factor: SuperLU) -> bool:
-    """True if no row was exchanged, as happens for a zero pivot, and all pivots are above round-off."""
-    sizes = np.empty(stiffness.shape[0])
-    sizes[factor.perm_c] = stiffness.diagonal()
-    exchanged = (factor.perm_r != factor.perm_c).any()
-    return not exchanged and bool((factor.U.diagonal() > PIVOT * np.abs(sizes)).all())
+        sizes = np.empty(stiffness.shape[0])
+        sizes[factor.perm_c] = stiffness.diagonal()
+        # a zero pivot exchanges rows
+        exchanged = (factor.perm_r != factor.perm_c).any()
+        if not exchanged and (factor.U.diagonal() > PIVOT * np.abs(sizes)).all():
+            return factor
+    raise NotSolvableError(
+        "the stiffness is not positive definite: leave out dofs that are imposed, and hold all bodies"
+    )
 
 
 def _check_definite(schur: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,18 +22,14 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
-from hhr_dolfinx.group import world
+from hhr_dolfinx.group import ALONE, group_of, world
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query, each_for_itself, ranks_of
+from hhr_dolfinx.plugins.tables.batch import OK, Answers, Progress, Query
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-
-Progress = Callable[[Iterable], Iterable]
-"""Wrapper of an iteration, for a progress bar."""
 
 PARQUET = ".parquet"
 """Ending of binary tables."""
@@ -121,22 +117,23 @@ def answer_table(
         HHRError: on all ranks, if anything but a row failed on another rank.
     """
     comm = world()
-    rank, size = ranks_of(comm)
+    group = ALONE if comm is None else group_of(comm)
+    rank = group.number
     blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
-    with each_for_itself(comm, "preparing the answers"):
+    with group.each("preparing the answers"):
         if rank == 0:
             blocks.prepare()
-    with each_for_itself(comm, "answering the table"):
-        _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
+    with group.each("answering the table"):
+        _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), group.size), progress))
     bad = list[tuple[int, str]]()
     sums: dict[str, float] = {}
-    with each_for_itself(comm, "writing the answers"):
+    with group.each("writing the answers"):
         if rank == 0:
             bad, sums = blocks.join()
-    count = len(bad) if comm is None else comm.bcast(len(bad))
+    count = group.from_first(len(bad))
     if rank == 0:
         good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
-        console.print(f"{good} and {len(bad)} bad rows on {size} ranks in {seconds:.1f} s: {path}", markup=False)
+        console.print(f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}", markup=False)
         _print_bad(console, rows, bad)
     return count
 
@@ -178,24 +175,18 @@ class _Blocks:
     def prepare(self) -> None:
         """Make the folder, empty of blocks of another table or model; FileError if it has other files."""
         mark = {MARK: self._digest()}
-        found = self._marked()
+        found = None
+        with suppress(OSError, ValueError, RecursionError):
+            found = json.loads(self._mark.read_text(encoding="utf-8"))
         if self.resume is not None and found == mark:
             return
-        if found is not None:
+        if isinstance(found, dict) and found.keys() == {MARK}:
             self._clear()
         elif self.folder.is_dir():
             self._refuse_others()
         make_folder(self.folder)
         with replacing(self._mark, text=True) as file:
             json.dump(mark, file)
-
-    def _marked(self) -> dict[str, Any] | None:
-        """The mark of the folder; None if it is missing or not a folder of blocks."""
-        try:
-            found = json.loads(self._mark.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return None
-        return found if isinstance(found, dict) and found.keys() == {MARK} else None
 
     def _refuse_others(self) -> None:
         """FileError for a folder with other files; an empty one is accepted."""
@@ -286,8 +277,7 @@ def write_answers(
     """Write answers as CSV with a header, or as Parquet; return the number of rows without an answer.
 
     Args:
-        path: file to write.
-        space: parameters, whose names head their columns.
+        path, space: the file, and the parameters, whose names head their columns.
         answers: answers of :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         cells: given text of the parameters; None writes the numbers.
         forces: include a column of the force of each contact condition.

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -16,14 +15,11 @@ from scipy import linalg
 from hhr_dolfinx.certify.constants import Constants
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.reduced import ReducedModel
-
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,9 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError, ParameterError
+from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.theorems.constants import (
     OVER_ALL,
     Spaces,
@@ -43,11 +45,6 @@ from hhr_dolfinx.plugins.theorems.constants import (
 )
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.reduced import ReducedModel
-
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
 ROUND_OFF = 1e-10

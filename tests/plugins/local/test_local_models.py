@@ -40,9 +40,11 @@ from hhr_dolfinx.errors import (
     ReductionError,
     SingularError,
 )
-from hhr_dolfinx.plugins.local.models import LEAF, Choice
+from hhr_dolfinx.plugins.local.models import LEAF
 
 LOW, HIGH, BY_THE_BORDER = (110.0, 1.7), (150.0, 5.1), (90.0, 3.35)
+WHOLE = choice([(-1, 0)], (0.0, 0.0))
+"""One model for the whole box."""
 
 
 @pytest.fixture(scope="module")
@@ -141,13 +143,13 @@ def test_a_border_within_one_model_hides_no_other():
     tree = choice([(0, 0.5, 1, 2), (1, 0.5, 3, 4), (-1, 1), (-1, 0), (-1, 0)], (0.1, 0.1))
     assert tree.candidates([0.45, 0.49]) == (0, 1)
     assert tree.candidates([0.2, 0.49]) == (0, LEAF)
-    assert tree.reaching(np.zeros(2)).candidates([0.45, 0.49]) == (0, LEAF)
+    assert dataclasses.replace(tree, reach=np.zeros(2)).candidates([0.45, 0.49]) == (0, LEAF)
 
 
 def test_what_lies_on_a_cut_goes_low():
     tree = one_cut(0, 0.5, (0.0,))
     assert tree.candidates([0.5]) == (0, 1) and tree.candidates([0.5 + 1e-9]) == (1, LEAF)
-    assert Choice.whole(2).candidates([0.3, 9.0]) == (0, LEAF)
+    assert WHOLE.candidates([0.3, 9.0]) == (0, LEAF)
 
 
 def test_a_choice_takes_microseconds():
@@ -189,7 +191,7 @@ def test_answers_are_those_of_the_model_of_the_part(local, models):
         assert answer.estimate() == models[number].solve(point).estimate()
     assert len(local) == 2 and local.dimension == 2
     with pytest.raises(ReductionError, match="not of these local models"):
-        local.model_of(hhr.LocalModels(models[:1], Choice.whole(2)).solve(LOW)._replace(fields=None))
+        local.model_of(hhr.LocalModels(models[:1], WHOLE).solve(LOW)._replace(fields=None))
 
 
 def test_by_a_border_the_smaller_estimate_decides(local, models):
@@ -234,7 +236,7 @@ def test_many_are_those_one_by_one(local):
 def test_models_that_nobody_asks(local):
     many = local.solve_many([LOW, (100.0, 1.0)])
     assert many.model.tolist() == [0, 0] and len(many.parts) == 1 and len(many.outputs()["peak"]) == 2
-    alone = hhr.LocalModels(local.models[:1], Choice.whole(2))
+    alone = hhr.LocalModels(local.models[:1], WHOLE)
     assert bits(alone.solve(LOW)) == bits(local.solve(LOW))
 
 
@@ -358,7 +360,7 @@ def test_models_that_do_not_go_together(models, training):
     for wrong, tree, why in (
         *((items, halves, no_models) for items in ([], [models[0], None], [training.full_order])),
         (models, None, "None is no Choice"),
-        (models, Choice.whole(3), r"a choice of 3 parameters does not suit \('P1', 'h1'\)"),
+        (models, choice([(-1, 0)], (0.0,) * 3), r"a choice of 3 parameters does not suit \('P1', 'h1'\)"),
         (models[:1], halves, "not among 1 local ones"),
         ([models[0], flowing], halves, "take one model"),
     ):

@@ -23,7 +23,8 @@ from hhr_dolfinx.errors import (
     StudyError,
 )
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.plugins.one_call import attempts, search
+from hhr_dolfinx.plugins.one_call import search
+from hhr_dolfinx.plugins.one_call.search import attempts
 from hhr_dolfinx.plugins.one_call.target import Errors, Target
 from hhr_dolfinx.reduction.reductor import POINTS
 
@@ -87,7 +88,7 @@ def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
 
 
 def hyper_reduced(context):
-    return (item for item in attempts.attempts(context) if item.method != "condensed")
+    return (item for item in attempts(context) if item.method != "condensed")
 
 
 @needs("moduli")

@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, Sta
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, condense
 from hhr_dolfinx.plugins.moduli.components import Solver
-from hhr_dolfinx.plugins.one_call import attempts, context, progress, search
+from hhr_dolfinx.plugins.one_call import context, progress, search
 from hhr_dolfinx.plugins.one_call.progress import ShareLines
 from hhr_dolfinx.reduction.reductor import Proposal
 from hhr_dolfinx.timing import unannounced
@@ -97,7 +97,7 @@ def test_a_check_that_the_budget_cuts_short_does_not_count_as_met(clocked, monke
 
 
 def test_answers_of_a_training_are_not_begun_that_cannot_be_checked(monkeypatch):
-    made = attempts.attempts
+    made = search.attempts
     monkeypatch.setattr(search, "attempts", lambda found: (item for item in made(found) if item.method != "condensed"))
     with pytest.raises(StudyError, match=r"takes 40 full answers and its check 4 at least, and 35 of the 35"):
         reduced(budget=hhr.Budget(full_answers=35))
