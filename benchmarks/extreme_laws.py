@@ -24,7 +24,8 @@ LAWS = {
     "Arrhenius": (hhr.Plasticity(80.0, 1e3), hhr.Arrhenius(1e3, 6.0, 1e4, WARM, 700.0)),
     "damage": (hhr.Lemaitre(80.0, 4e3, 1.0), NORTON),
     "heat and stiffness": (
-        hhr.ChangingStiffness(hhr.Heated(hhr.Plasticity(80.0, 1e3), 1e-6, WARM, 400.0), "2e5 * (1 - 5e-4 * P1)"), NORTON,
+        hhr.ChangingStiffness(hhr.Heated(hhr.Plasticity(80.0, 1e3), 1e-6, WARM, 400.0), "2e5 * (1 - 5e-4 * P1)"),
+        NORTON,
     ),
 }  # fmt: skip
 """Of pellet and cladding, in MPa."""

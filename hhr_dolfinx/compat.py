@@ -321,7 +321,7 @@ def _njit() -> Any:
         from numba import njit
     except ImportError:
         _log.warning(
-            "numba is not installed: laws of bodies run as Python, hundreds of times slower: pip install hhr_dolfinx[flow]"
+            "numba is not installed, and laws of bodies run hundreds of times slower: pip install hhr_dolfinx[flow]"
         )
         return None
     return njit

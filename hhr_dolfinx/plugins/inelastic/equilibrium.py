@@ -138,6 +138,7 @@ class Equilibrium(ABC):
     trained: TrainedPaths | None = None  # training range of a reduced model
     together: Points = ALL_HERE  # reductions over the Gauss points of all ranks
     lock: AbstractContextManager = nullcontext()  # held during a history
+    symmetric = False  # whether linearisations have the symmetric part of tangents alone
     parameters: ParameterSpace
     fields: Any  # completes its answers
     material: Material  # at its Gauss points

@@ -91,6 +91,7 @@ class FullEquilibrium(MeshEquilibrium):
     """
 
     problem: ContactProblem
+    symmetric = True
 
     def __init__(self, full: FullModel, gauss: GaussModel):
         super().__init__()
@@ -262,8 +263,9 @@ class FullEquilibrium(MeshEquilibrium):
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
     def linearised(self, tangents: np.ndarray) -> Linearisation:
-        """Factor the tangent stiffness; the previous linearisation must then be factored again."""
-        found = self._lazy(self.stiffness(tangents), self._tangent_factors, tangents)
+        """Factor the symmetric part of the tangent stiffness; the previous one must then be factored again."""
+        symmetric = (tangents + tangents.swapaxes(1, 2)) / 2
+        found = self._lazy(self.stiffness(symmetric), self._tangent_factors, tangents)
         with found.held():  # raises an error for a singular tangent
             return found
 

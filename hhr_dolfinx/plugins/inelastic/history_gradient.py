@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.errors import ConvergenceError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium
@@ -31,6 +31,8 @@ STEP = 1e-5
 cancellation round-off over it. For the plastic pellet differences of whole histories agree to 1e-8."""
 SAME_STRESS = 1e-8
 """Part of the stress by which a step may differ from a single step to its end; above it, the step was cut."""
+SKEW = 1e-6
+"""Asymmetry of tangents, as a part of the largest, from which their symmetric part gives no derivatives."""
 _CENTRAL = ((-1.0, -0.5), (1.0, 0.5))
 _FORWARD = ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5))
 _BACKWARD = tuple((-place, -weight) for place, weight in _FORWARD)
@@ -54,6 +56,7 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
     Raises:
         ParameterError: for directions of another shape, or not finite.
         ConvergenceError: for a step whose end is not that of a single step, such as a step that was cut.
+        NotOfferedError: for a full model with a law whose tangents are not symmetric.
         SingularError: if the tangent or the active conditions of a step are singular.
     """
     path = history.path
@@ -107,6 +110,12 @@ class _Step:
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
         _check_single(update, gauss_of(answer), number)
+        skew = np.abs(update.tangents - update.tangents.swapaxes(1, 2)).max(initial=0.0)
+        if model.symmetric and skew > SKEW * np.abs(update.tangents).max(initial=0.0):
+            raise NotOfferedError(
+                "derivatives of full histories need symmetric tangents, and a law has others, as of back stresses that "
+                "recover or of dilatancy: take a small model"
+            )
         self._linear = model.at(answer.parameter).linearised(update.tangents)
 
     def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:

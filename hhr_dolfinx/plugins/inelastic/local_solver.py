@@ -381,7 +381,7 @@ def solve_points(
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
-    block = min(BLOCK, (strain.shape[1] + 7) // 8 * 8)
+    block = max(min(BLOCK, (strain.shape[1] + 7) // 8 * 8), 1)  # a rank may have no point of a law
     work = np.empty((code.sizes[law, REGISTERS], block))
     numbers = code.numbers[code.number_ends[law] : code.number_ends[law + 1]]
     set_numbers(numbers, strains + size + code.sizes[law, MEMORY] + 1 + code.sizes[law, CONSTANTS], work)
