@@ -131,9 +131,10 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
         if not part.interpolant.axes.size:  # only an exact factor changes it
             continue
         seen = _seen(solver, part, energy)
-        sure = _proved(part, kind)
-        proved &= sure is not None and seen <= sure + NOISE
-        errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
+        sure = math.inf if kind is None else kind.error(len(part.interpolant.levels))
+        holds = sure <= PROVED and seen <= sure + NOISE
+        proved &= holds
+        errors.append(sure if holds else OBSERVED * seen)
     seen = probed(solvers, compliances, problem)
     errors.append(seen if seen > NOISE else 0.0)
     proved &= errors[-1] <= PROVED
@@ -167,11 +168,9 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
     reshaped = problem.reshaped
     if reshaped is None:
         return None
-
-    def there(point: np.ndarray) -> dict[str, np.ndarray]:
-        return {"areas": reshaped(point).contact_areas}
-
-    return grown(there, problem.parameters, reshaped.axes, SHAPE_GRID)[0].interpolant
+    space = problem.parameters
+    grid, _ = grown(lambda point: {"areas": reshaped(point).contact_areas}, space, reshaped.axes, SHAPE_GRID)
+    return grid.interpolant
 
 
 def _check_resolved(error: float) -> None:
@@ -192,19 +191,8 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
     moduli = part.moduli
     if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
         return None
-    axis = int(part.axes[0])
-    space = problem.parameters
     of_volume = len(moduli) == 2 and all(modulus.rest != "1" for modulus in moduli)
-    ends = float(space.lower[axis]), float(space.upper[axis])
-    return PartStiffness(moduli, part.factor, axis, *ends, problem.middle, of_volume)
-
-
-def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
-    """ε of a part, None if it is not proved, or too large."""
-    if kind is None:
-        return None
-    error = kind.error(len(part.interpolant.levels))
-    return error if error <= PROVED else None
+    return PartStiffness(part, problem.parameters, of_volume)
 
 
 def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Annotated
 
 import numpy as np
-from scipy.linalg import svd
+from scipy.linalg import solve_triangular, svd
 
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
@@ -97,7 +97,7 @@ class Interpolant:
     @property
     def nodes(self) -> np.ndarray:
         """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
-        return self.lower + (np.array(leja_points())[self.levels] + 1) / 2 * (self.upper - self.lower)
+        return self.lower + (nodes_of(self.levels) + 1) / 2 * (self.upper - self.lower)
 
     def polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
         """All polynomials at a point, (n,), or their derivatives along one of the axes."""
@@ -138,19 +138,22 @@ def polynomials_of(levels: np.ndarray, scaled: np.ndarray) -> np.ndarray:
 
 
 def nodes_of(levels: np.ndarray) -> np.ndarray:
-    """The node in [-1, 1]^d that each polynomial adds, (n, d)."""
+    """The node in [-1, 1]^d that each polynomial adds, of the shape of the levels, (n, d)."""
     return np.array(leja_points())[levels]
+
+
+def values_between(levels: np.ndarray, known: np.ndarray, scaled: np.ndarray) -> np.ndarray:
+    """Values at places of [-1, 1]^d, (k, d), of the interpolation of those at the nodes of levels, (n, v): (k, v)."""
+    # each polynomial vanishes at the nodes before its node
+    surpluses = solve_triangular(polynomials_of(levels, nodes_of(levels)), known, lower=True)
+    return polynomials_of(levels, scaled) @ surpluses
 
 
 def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
     """Views of arrays that were stacked row by row, in their shapes followed by the other axes of ``values``."""
-    parts = []
-    first = 0
-    for shape in shapes:
-        size = math.prod(shape)
-        parts.append(values[first : first + size].reshape((*shape, *values.shape[1:])))
-        first += size
-    return parts
+    shapes = list(shapes)
+    parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes]))
+    return [part.reshape((*shape, *values.shape[1:])) for part, shape in zip(parts, shapes, strict=False)]
 
 
 @dataclass(frozen=True)
@@ -161,11 +164,6 @@ class GrownGrid:
     surplus: float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
     evaluations: int  # number of evaluations of the function
     unresolved: float = 0.0  # largest error of a cheap function that depends on the parameters as this one does
-
-    def without_modes(self) -> GrownGrid:
-        """The same without values."""
-        modes = np.zeros((0, len(self.interpolant.weights)))
-        return replace(self, interpolant=replace(self.interpolant, modes=modes))
 
 
 def grow(
@@ -230,7 +228,6 @@ class _Growing:
         axes, self._lower, self._upper = box
         self._function = function
         self._scale = scale
-        self._nodes = np.array(leja_points())
         self.order: list[tuple[int, ...]] = []  # levels of the terms
         self.surpluses: list[np.ndarray] = []  # of each term
         self.waiting: dict[tuple[int, ...], float] = {}  # sizes of surpluses of terms whose successors are untried
@@ -280,7 +277,7 @@ class _Growing:
         return max((self._scale(self._left(value, place)) for place, value in self.probes), default=0.0)
 
     def _try(self, levels: tuple[int, ...]) -> None:
-        place = self._nodes[list(levels)]
+        place = nodes_of(np.array(levels, dtype=np.int64))
         surplus = self._left(self._at(place), place)
         self.order.append(levels)
         self.surpluses.append(surplus)
@@ -291,10 +288,7 @@ class _Growing:
 
     def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Residual of a value after all terms."""
-        factors = np.ones(len(self.order))
-        levels = np.array(self.order, dtype=np.int64).reshape(factors.size, place.size)
-        for x, along in zip(place.tolist(), levels.T, strict=True):
-            factors *= _one_dimensional(x, *_bases_up_to(MOST_LEVELS - 1))[0][along]
+        factors = polynomials_of(self.levels, place[None])[0]
         for k in np.flatnonzero(factors):
             value = value - factors[k] * self.surpluses[k]
         return value

@@ -163,7 +163,7 @@ class VaryingBound(Rebuilt):
         if whole.terms is None:
             energies = np.sum(unknown @ whole.stiffness * unknown, axis=1)
             return energies, np.sum(theta @ whole.loads.T * unknown, axis=1), unknown @ whole.contact_trial.T
-        weights = many_weights(whole.terms, points)
+        weights = many_weights(whole.terms.moduli, points)
         energies = np.zeros(len(points))
         for block in self._blocks:
             own = unknown[:, block.modes]
