@@ -389,10 +389,8 @@ def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces alone, without displacement."""
     problem = full.problem
     basis = np.zeros((problem.free.size, 0))
-    functionals = _outputs(full, basis, settings)
-    return InterpolatedFields(
-        problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals, full=full
-    )
+    rest = None, problem.block_size, None, _outputs(full, basis, settings)
+    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
 def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:

@@ -275,7 +275,10 @@ class Compliances(Elimination):
 
     def theta(self, point: np.ndarray) -> np.ndarray:
         """θ at a point, (1 + T,)."""
-        return _dense(self.amplitudes, point, self.gaps.shape[1])
+        theta = self.amplitudes(point)
+        found = np.zeros(self.gaps.shape[1])
+        found[theta.terms] = theta.values
+        return found
 
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and its parts at a point, (P,)."""
@@ -340,18 +343,16 @@ class Compliances(Elimination):
         places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
         return np.unique(np.array(places, dtype=np.int64))
 
-    def same_stiffness(self, one: np.ndarray, other: np.ndarray) -> bool:
-        """True if two points, (P,), have the same S."""
-        return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
-
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along a path: neighbours of equal stiffness share S."""
-        shared: list[tuple[np.ndarray, InterpolatedStiffness]] = []
+        shared: dict[bytes, InterpolatedStiffness] = {}
 
         def made(point: np.ndarray) -> CondensedContact:
-            if not shared or not self.same_stiffness(shared[0][0], point):
-                shared[:] = [(point, self.stiffness(point))]
-            return self(point, shared[0][1])
+            key = point[self.stiffness_axes].tobytes()
+            if key not in shared:
+                shared.clear()
+                shared[key] = self.stiffness(point)
+            return self(point, shared[key])
 
         return made
 
@@ -474,11 +475,3 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         if isinstance(self.galerkin, BlockElimination):
             return KnownForces(self.galerkin.problem, self.galerkin.amplitudes)
         return self.galerkin
-
-
-def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
-    """θ as an array, (1 + T,)."""
-    theta = amplitudes(point)
-    found = np.zeros(terms)
-    found[theta.terms] = theta.values
-    return found

@@ -32,13 +32,9 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
+    """Von Mises' stress of cells whose shape depends on parameters."""
 
-    Attributes:
-        cells: from which a model computes its rows.
-    """
-
-    cells: MovingCells
+    cells: MovingCells  # from which a model computes its rows
 
 
 class OverShapes(AllOutputs):
@@ -46,12 +42,9 @@ class OverShapes(AllOutputs):
 
     Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the displacement, or its
     components in a basis; and ``coordinate_changes``, derivatives of all contact forces and of these.
-
-    Attributes:
-        parameters: the box of the parameters.
     """
 
-    parameters: ParameterSpace
+    parameters: ParameterSpace  # the box of the parameters
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""

@@ -70,13 +70,9 @@ class FullShapeFunctionals(OverShapes):
 
 @dataclass(frozen=True)
 class MovingProbe(ModelProbe):
-    """Interface for an output where shapes are parameters: other terms of θ may act on another shape, and cells move.
+    """Interface for an output if shapes are parameters: other terms of θ may act on another shape, and cells move."""
 
-    Attributes:
-        moving: makes cells, by their numbers and whether they have the mean dilatation.
-    """
-
-    moving: MakeCells
+    moving: MakeCells  # makes cells, by their numbers and whether they have the mean dilatation
 
     def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
         """Von Mises' stress of cells that move."""
