@@ -92,21 +92,13 @@ GRID_BUDGETS = (200, 800, 800, 800, 800)
 
 @dataclass(frozen=True, eq=False)
 class CondensedFacts:
-    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    Attributes:
-        settings: targets of its grids.
-        evaluations: solutions of the parts of the scene, one number for each grid.
-        surpluses: surplus of the terms tried last, relative.
-        unresolved: error of the formulas of moduli between the nodes of the grids, as far as it was tested, relative.
-        finer: whether answers use the interpolation of the bound instead of these grids.
-    """
-
-    settings: GridSettings
-    evaluations: list[int]
-    surpluses: list[float]
-    unresolved: float
-    finer: bool
+    settings: GridSettings  # targets of its grids
+    evaluations: list[int]  # solutions of the parts of the scene, one number for each grid
+    surpluses: list[float]  # surplus of the terms tried last, relative
+    unresolved: float  # error of the formulas of moduli between the nodes of the grids, as far as tested, relative
+    finer: bool  # answers use the interpolation of the bound instead of these grids
 
     @property
     def doubt(self) -> float:
@@ -156,11 +148,6 @@ class _Prepared(NamedTuple):
 
         known = LinearStarts(**self.kept(f"starts {settings} {len(points)}", starts))
         return known, np.maximum(known.margins, 0.0)
-
-    def spanning(self, compliances: Compliances, points: np.ndarray, forces: np.ndarray, called: str) -> np.ndarray:
-        """Displacements that span the fields, (N, k): responses to forces, (S, m), of solved points; kept as called."""
-        given = compliances, self.solvers, points, forces, self.task.announce
-        return self.kept(called, lambda: {"0": _fields_along(*given)})["0"]
 
     def bounded(self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool) -> InterpolatedFields:
         """Fields with a bound; unchanged without one, with the reason in the log."""
@@ -262,7 +249,8 @@ class Condensation(Reductor[_Prepared]):
                 if task.snapshots is None:
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
-                    seen.append(prepared.spanning(compliances, known.points, forces, f"fields {settings}"))
+                    given = compliances, prepared.solvers, known.points, forces, task.announce
+                    seen.append(prepared.kept(f"fields {settings}", lambda: {"0": _fields_along(*given)})["0"])
                 if task.snapshots is not None:
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)

@@ -49,7 +49,7 @@ class KnownForces(BlockElimination):
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
             assert diagonal is not None
             right = loads[:, block.modes] - forces @ block.test.T
-            found[:, block.modes] = diagonal.many_solved(weights[:, block.parts], right)
+            found[:, block.modes] = diagonal.solved(weights[:, block.parts], right)
         return found
 
     @cached_property
@@ -89,11 +89,7 @@ class DiagonalBlock:
         return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
 
     def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times a right-hand side, (k,), for weights of the parts, (q,)."""
-        return self.modes @ ((right @ self.modes) / (weights @ self.entries))
-
-    def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
+        """K~^-1 times right-hand sides, (k,) or (n, k), each with its weights of the parts, (q,) or (n, q)."""
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 

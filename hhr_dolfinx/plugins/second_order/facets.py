@@ -203,15 +203,11 @@ def _straight_sag(surface: Surface) -> float:
 
 
 def parted(facet_nodes: np.ndarray, inner_points: np.ndarray) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
-    """Flat parts of facets, (F, K), with a point behind each, and the facets."""
-    flat = flat_parts(facet_nodes)
+    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside, and the facets."""
+    count = facet_nodes.shape[1]
+    flat = facet_nodes[:, np.array(PARTS[count])].reshape(-1, CORNERS[count])
     quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
     return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
-
-
-def flat_parts(nodes: np.ndarray) -> np.ndarray:
-    """Nodes of the flat parts of facets with nodes (f, K), facet by facet, (parts f, k)."""
-    return nodes[:, np.array(PARTS[nodes.shape[1]])].reshape(-1, CORNERS[nodes.shape[1]])
 
 
 def linear(local: np.ndarray, count: int) -> np.ndarray:
