@@ -71,13 +71,9 @@ PER_NODE = 8
 TOGETHER = 16
 """Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and at most; fields for
 each of them; and the number solved for at once. Of 32 fields those at 3 to 16 nodes were as good."""
-
-
 FEW = 150_000
 """Numbers of an interpolation up to which it may be finer than requested: they fit into the cache of a processor, so
 that answers take hardly longer, and into a page."""
-
-
 OF_CONDENSATION = {
     "displacement": "it is a combination of training answers, of which forces need none: train on more points",
     "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
@@ -391,10 +387,8 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)
     whole: Any = whole_problem(problem, basis, settings)
-    galerkin: Any
-    if problem.reshaped is None:
-        galerkin = BlockElimination(whole, problem.amplitudes)
-    else:
+    galerkin: Any = BlockElimination(whole, problem.amplitudes)
+    if problem.reshaped is not None:
         galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
     rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)

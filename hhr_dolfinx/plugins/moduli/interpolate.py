@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -118,8 +117,7 @@ def grown(
 
     def scale(values: np.ndarray) -> float:
         """Largest of the parts."""
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-        return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
+        return max((float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())), default=0.0)
 
     box = (axes, lower[axes], upper[axes])
     how = (settings.tolerance, settings.budget)

@@ -27,8 +27,6 @@ from hhr_dolfinx.reduction.starts import linear_starts
 
 REDUCED_GRID = GridSettings(1e-5, 300)
 """Tolerance far below the error of the reduction: a factorisation of K~ costs milliseconds."""
-
-
 SHAPE_GRID = GridSettings(2e-5, 200)
 """Tolerance below the error of the reduction: a shape of the RID costs a tenth of a second."""
 
@@ -39,8 +37,7 @@ def interpolated_reduction(
     """Interpolate the elimination of gamma; None if it is not smooth and K~ should be factored for each query."""
     parts = []
     for block in blocks_of(problem):
-        if problem.terms is None or not block.modes.size:
-            continue
+        assert problem.terms is not None
         part = _part(problem.terms, block, space)
         grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, REDUCED_GRID, part)
         if grid.surplus > REDUCED_GRID.tolerance:

@@ -22,12 +22,8 @@ SMALLEST = 1e-9
 SHARES = 81
 PLACES = 1001
 """Smallest κ, and numbers of κ and of ν, at which the error is evaluated: it oscillates once between nodes."""
-
-
 BETWEEN = 1.2
 """Factor by which the error may be larger between these."""
-
-
 OF_VOLUME = 0.6
 """Largest κ if K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is at least a third of tr(ε)^2."""
 

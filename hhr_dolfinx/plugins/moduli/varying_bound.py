@@ -160,9 +160,7 @@ class VaryingBound(Rebuilt):
         if not isinstance(whole, ReducedProblem):
             found = [_field(whole(point), *given) for point, *given in zip(points, unknown, theta, strict=True)]
             return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
-        if whole.terms is None:
-            energies = np.sum(unknown @ whole.stiffness * unknown, axis=1)
-            return energies, np.sum(theta @ whole.loads.T * unknown, axis=1), unknown @ whole.contact_trial.T
+        assert whole.terms is not None
         weights = many_weights(whole.terms.moduli, points)
         energies = np.zeros(len(points))
         for block in self._blocks:

@@ -24,8 +24,6 @@ from hhr_dolfinx.plugins.stress.kinds import Mises
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
-
-
 DIFFERENCE = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""
 
