@@ -57,6 +57,9 @@ def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_ins
     assert answer.forces()[sets.A_lambda].any()
     assert forces == pytest.approx(answer.forces()[sets.A_lambda], abs=1e-8 * answer.forces().max())
     assert field == pytest.approx(answer.unknown[sets.A], abs=1e-9 * np.abs(answer.unknown).max())
+    inside = domain.at(answer.parameter)
+    residual = inside.residual(answer.unknown[inside.part.dofs], forces, answer.parameter)
+    assert np.abs(residual).max() <= 1e-9 * forces.max()
 
 
 def test_parts_of_the_stiffness_are_restricted_one_by_one(case):

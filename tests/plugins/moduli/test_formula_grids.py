@@ -96,10 +96,3 @@ def test_a_spike_beyond_one_half_is_refused():
     scalar = Scalar("0.25 + 0.3 * exp(-((t - 0.613) / 0.0015)**2)", SPACE.names)
     with pytest.raises(SceneError, match=r"is 0.5\d* at other = 6, t = 0.61"):
         check_over_box(scalar, SPACE, "nu", -1.0, 0.5, "narrow the box")
-
-
-def test_many_values_are_those_of_single_points():
-    points = SPACE.random(50, 0)
-    for text in ("2 * t", "3.5", "table(t, 0, 1, 0.5, 4, 1, 2) * other**0.5", "max(t, 0.3) - abs(t - 0.5)"):
-        scalar = Scalar(text, SPACE.names)
-        assert np.array_equal(scalar.values(points), [scalar.value(point) for point in points])
