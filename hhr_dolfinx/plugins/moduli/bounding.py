@@ -215,44 +215,23 @@ def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     return float(worst)
 
 
-class _Probe(NamedTuple):
-    """One component whose S_c is compared with solutions."""
-
-    solver: Solver  # of the component
-    conditions: np.ndarray  # conditions on its dofs, (m_c,)
-    rows: csr_matrix  # B on its dofs, (m_c, N)
-    modes: np.ndarray  # of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy
-    weights: np.ndarray  # S_c in the middle of the box along them, (r,)
-
-    @classmethod
-    def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
-        """Data of a part."""
-        rows = csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
-        middle = problem.middle
-        count = part.conditions.size
-        modes = part.interpolant.modes.T.reshape(-1, count, count)
-        return cls(solver, part.conditions, rows, modes, part.compliance(middle) * part.interpolant.along_modes(middle))
-
-    def slack(self, forces: np.ndarray) -> np.ndarray:
-        """S_c times forces, (m_c, k) each."""
-        return sum(weight * (mode @ forces) for weight, mode in zip(self.weights, self.modes, strict=True))
-
-
-def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: ContactProblem) -> float:
+def _largest_images(pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarray, problem: ContactProblem) -> float:
     """Sum of the norm estimates of each, by powers of A; several components share a solution."""
-    solver = probes[0].solver
     middle = problem.middle
-    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in probes]
+    rows = [csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs)) for solver, part in pairs]
+    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in pairs]
     for _ in range(POWERS):
         forces = [
-            solve_triangular(lower, image, lower=True, trans="T")[probe.conditions]
-            for probe, image in zip(probes, images, strict=True)
+            solve_triangular(lower, image, lower=True, trans="T")[part.conditions]
+            for (_, part), image in zip(pairs, images, strict=True)
         ]
-        loads = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
-        responses = solver.solved_together(problem, middle, loads)
-        for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
+        loads = csc_matrix(sum(own.T @ given for own, given in zip(rows, forces, strict=True)))
+        responses = pairs[0][0].solved_together(problem, middle, loads)
+        for place, (_, part) in enumerate(pairs):
+            # S_c is the only mode of a part without axes, which may take a tenth of all memory: there is no other copy
+            mode = part.interpolant.modes.reshape(part.conditions.size, -1)
             off = np.zeros(images[place].shape)
-            off[probe.conditions] = probe.slack(own) - probe.rows @ responses
+            off[part.conditions] = part.compliance(middle) * (mode @ forces[place]) - rows[place] @ responses
             images[place] = solve_triangular(lower, off, lower=True)
     return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
 
@@ -271,12 +250,8 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
     lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
     del schur
-    kept = [
-        _Probe.of(*one, problem)
-        for one in zip(solvers, compliances.parts, strict=True)
-        if not one[1].interpolant.axes.size
-    ]
-    together = bool(kept) and kept[0].solver.serves_all
+    kept = [pair for pair in zip(solvers, compliances.parts, strict=True) if not pair[1].interpolant.axes.size]
+    together = bool(kept) and solvers[0].serves_all
     groups = [kept] if together else [[one] for one in kept]
     error = sum(_largest_images(group, lower, problem) for group in groups)
     places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)

@@ -241,15 +241,16 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 @cache
 def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
-    ends, weights = np.polynomial.legendre.leggauss(POINTS)
-    x, w = (ends + 1) / 2, weights / 2
-    local = x[:, None]
-    weights = w
+    ends, sizes = np.polynomial.legendre.leggauss(POINTS)
+    local = (ends[:, None] + 1) / 2
+    weights = sizes / 2
     if count != 3:
-        first, second = (item.ravel() for item in np.meshgrid(x, x, indexing="ij"))
-        local, weights = np.column_stack([first, second]), np.outer(w, w).ravel()
+        first, second = (item.ravel() for item in np.meshgrid(local, local, indexing="ij"))
+        local = np.column_stack([first, second])
+        weights = np.outer(weights, weights).ravel()
     if count == 6:  # a square folded to a triangle
-        local, weights = np.column_stack([first * (1 - second), second]), weights * (1 - second)
+        local[:, 0] *= 1 - second
+        weights *= 1 - second
     values = linear(local, len(part))
     there = values @ PLACES[count][list(part)]
     steps = np.eye(there.shape[1]) * 0.5
