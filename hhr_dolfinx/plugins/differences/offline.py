@@ -38,8 +38,7 @@ MOST_READ = 50
 def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
     """Differences for a basis; S completes forces and displacement unless training forces do, ``cone``.
 
-    Raises:
-        BoundError: with the hypothesis that fails.
+    BoundError with the hypothesis that fails.
     """
     return (
         Bounding(exact_difference(full, basis, forces), basis) if cone else field_response(full, forces, basis.shape[1])
@@ -71,10 +70,7 @@ def exact_arrays(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
 
-    Bodies that only contact holds are refused unless ``floating`` is set.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    Bodies that only contact holds are refused unless ``floating`` is set. BoundError with the hypothesis that fails.
     """
     problem = full.problem
     check_hypotheses(full, floating=floating)

@@ -17,13 +17,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.declared import check_layout
-from hhr_dolfinx.errors import (
-    BudgetWarning,
-    ConvergenceError,
-    FileContentError,
-    NotSolvableError,
-    StudyError,
-)
+from hhr_dolfinx.errors import BudgetWarning, ConvergenceError, FileContentError, NotSolvableError, StudyError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole

@@ -237,21 +237,15 @@ def _interpolated(
 
 
 class _Domain:
-    """The full equations of a RID at any point, factored once for constant stiffness.
-
-    Attributes:
-        inner: dofs of A, in the whole problem.
-        interface: dofs of the RID outside A, in the whole problem.
-        places: indices of these among the dofs of the RID.
-    """
+    """The full equations of a RID at any point, factored once for constant stiffness."""
 
     def __init__(self, problem: ContactProblem, sets: IndexSets):
         self._problem = problem
         self._sets = sets
         part = restricted(problem, sets)
-        self.places = np.flatnonzero(~part.problem.free)
-        self.inner = part.dofs[part.problem.free]
-        self.interface = part.dofs[self.places]
+        self.places = np.flatnonzero(~part.problem.free)  # indices of the interface among the dofs of the RID
+        self.inner = part.dofs[part.problem.free]  # dofs of A, in the whole problem
+        self.interface = part.dofs[self.places]  # dofs of the RID outside A, in the whole problem
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:

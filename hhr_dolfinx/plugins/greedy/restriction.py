@@ -29,13 +29,10 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
 
     The RID is closed: no condition outside A_lambda acts on A.
     """
-    stiffness = problem.stiffness
     size = problem.block_size
     nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
     dofs = (nodes[:, None] * size + np.arange(size)).ravel()
-    free = np.zeros(problem.free.size, dtype=bool)
-    free[sets.A] = True
-    free = free[dofs]
+    free = np.isin(dofs, sets.A)
     number = np.full(len(problem.points), -1)
     number[nodes] = np.arange(nodes.size)
     rows = problem.contact[sets.A_lambda][:, dofs]
@@ -55,5 +52,5 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         cell_nodes=number[problem.cell_nodes[sets.cells]],
         points=problem.points[nodes],
     )
-    load_of = -csr_matrix(masked(csc_matrix(stiffness[dofs][:, dofs]), free))
+    load_of = -csr_matrix(masked(csc_matrix(problem.stiffness[dofs][:, dofs]), free))
     return Restriction(part, dofs, load_of, -csr_matrix(rows))

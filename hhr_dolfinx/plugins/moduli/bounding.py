@@ -95,10 +95,7 @@ def varying_bound(
 
     Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at least a thousandth of
     the largest training force, (N_lambda, S), as the denominator. ``solvers`` of the components that have some points
-    already may be passed.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    already may be passed. BoundError with the hypothesis that fails.
     """
     problem: ContactProblem = full.problem
     known = between(full, solvers, announce)

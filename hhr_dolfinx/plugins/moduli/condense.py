@@ -179,22 +179,14 @@ class Condensation(Reductor[_Prepared]):
 
     Displacements of snapshots span the fields; the contact forces do not need them. Without snapshots, fields of
     typical forces and loads at some nodes of the grids do.
-
-    Attributes:
-        settings: targets of the sparse grids; None for the defaults.
-        bound: whether answers have a bound of their error, or an estimate if none is proved.
-        fields: whether answers have displacements; without them there is no bound either.
-        along: whether displacements under forces and loads span the fields in addition to snapshots.
-        finer: whether answers use the interpolation of the bound if it is small; None: only without ``settings``.
-        spare: whether to leave out fields if there can be no bound; nothing is compared then.
     """
 
-    settings: GridSettings | None = None
-    bound: bool = True
-    fields: bool = True
-    along: bool = False
-    finer: bool | None = None
-    spare: bool = False
+    settings: GridSettings | None = None  # targets of the sparse grids; None for the defaults
+    bound: bool = True  # answers have a bound of their error, or an estimate if none is proved
+    fields: bool = True  # answers have displacements; without them there is no bound either
+    along: bool = False  # displacements under forces and loads span the fields in addition to snapshots
+    finer: bool | None = None  # answers use the interpolation of the bound if it is small; None: without ``settings``
+    spare: bool = False  # leave out fields if there can be no bound; nothing is compared then
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION

@@ -25,20 +25,12 @@ from hhr_dolfinx.plugins.moduli.known_forces import many_weights
 
 @dataclass(frozen=True)
 class GridSettings:
-    """Targets of the growth of a sparse grid.
+    """Targets of the growth of a sparse grid."""
 
-    Attributes:
-        tolerance: target error of S and of the free slack, relative to their size.
-        budget: most solutions for each connected component of a scene.
-        compressed: whether directions are left out that the tolerance does not need; proofs about an interpolation need
-            them.
-        least: number of terms in any case.
-    """
-
-    tolerance: float = 1e-5
-    budget: int = 200
-    compressed: bool = True
-    least: int = 0
+    tolerance: float = 1e-5  # target error of S and of the free slack, relative to their size
+    budget: int = 200  # most solutions for each connected component of a scene
+    compressed: bool = True  # directions are left out that the tolerance does not need, but proofs do
+    least: int = 0  # number of terms in any case
 
     def __post_init__(self) -> None:
         if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):

@@ -154,14 +154,9 @@ class Compliance:
         return found
 
 
-def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
-    """Raise ValueError for a part with indices out of range, or with arrays of other sizes."""
-    named = {
-        "conditions": (part.conditions, conditions),
-        "forced": (part.forced, terms),
-        "lifted": (part.lifted, terms),
-        "axes": (part.interpolant.axes, parameters),
-    }
+def _check_places(part: Compliance, number: int, conditions: int, unknowns: int) -> None:
+    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other sizes."""
+    named = {"conditions": (part.conditions, conditions)}
     if part.primal is not None:
         named["unknowns"] = part.primal.unknowns, unknowns
     for name, (places, count) in named.items():
@@ -225,9 +220,8 @@ class Compliances(Elimination):
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
-        sizes = (*self.gaps.shape, self.amplitudes.slopes.shape[1], self.unknowns)
         for number, part in enumerate(self.parts):
-            _check_places(part, number, *sizes)
+            _check_places(part, number, len(self.gaps), self.unknowns)
 
     def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
         """Contact problem at a point, (P,); ``stiffness`` is S there if it is known."""

@@ -9,6 +9,7 @@ largest relative error of the interpolation of any f_κ: a problem in one variab
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,12 +47,8 @@ class PartStiffness:
 
     def levels(self, wished: float) -> tuple[int, float]:
         """Number of nodes for a given ε, or the largest number, and its ε."""
-        low = 2
-        high = MOST_LEVELS
-        while low < high:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.error(middle) <= wished else (middle + 1, high)
-        return high, self.error(high)
+        found = 2 + bisect_left(range(2, MOST_LEVELS), True, key=lambda levels: self.error(levels) <= wished)
+        return found, self.error(found)
 
     @cached_property
     def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:

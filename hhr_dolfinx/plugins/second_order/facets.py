@@ -210,19 +210,12 @@ def parted(facet_nodes: np.ndarray, inner_points: np.ndarray) -> tuple[np.ndarra
     return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
 
 
-def linear(local: np.ndarray, count: int) -> np.ndarray:
-    """Shape functions of first order, (q, k), at reference coordinates, (q, 1) or (q, 2)."""
-    if count == 2:
-        return np.column_stack([1 - local[:, 0], local[:, 0]])
-    return shape_functions(local, count)[0]
-
-
 def quadratic(local: np.ndarray, count: int) -> np.ndarray:
     """Shape functions of second order, (q, K), at reference coordinates, (q, 1) or (q, 2)."""
     if count == 3:
         return _on_line(local[:, 0])
     if count == 6:
-        first, second, third = linear(local, 3).T
+        first, second, third = shape_functions(local, 3)[0].T
         corners = [one * (2 * one - 1) for one in (first, second, third)]
         return np.column_stack([*corners, 4 * second * third, 4 * first * third, 4 * first * second])
     x, y = _on_line(local[:, 0]), _on_line(local[:, 1])
@@ -251,7 +244,7 @@ def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np
     if count == 6:  # a square folded to a triangle
         local[:, 0] *= 1 - second
         weights *= 1 - second
-    values = linear(local, len(part))
+    values = np.hstack([1 - local, local]) if count == 3 else shape_functions(local, len(part))[0]
     there = values @ PLACES[count][list(part)]
     steps = np.eye(there.shape[1]) * 0.5
     # central differences are exact for parabolas

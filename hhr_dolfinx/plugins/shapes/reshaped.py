@@ -38,17 +38,9 @@ TRIED = 32
 class Reshaped:
     """Deforms the mesh of a scene and assembles its problem again; serial.
 
-    Args:
-        discretisation: owner of the mesh; outside of evaluations the mesh has the shape of the middle of the box.
-
-    Attributes:
-        axes: indices of the parameters of shapes.
-        described: all expressions, for fingerprints.
-        reference: coordinates of the nodes of the geometry in the mesh of the scene, (nodes, 3).
-        nodes: numbers of the nodes that each shape moves.
-
-    Raises:
-        SceneError: for maps that tear bodies apart or invert cells somewhere in the parameter range.
+    See :class:`~hhr_dolfinx.contact.problem.Reshaping`. The discretisation owns the mesh, which has the shape of the
+    middle of the box outside of evaluations. SceneError for maps that tear bodies apart or invert cells somewhere in
+    the parameter range.
     """
 
     def __init__(self, discretisation: Any):
@@ -65,7 +57,8 @@ class Reshaped:
         )
         mesh = discretisation.mesh
         self._cells = compat.geometry_dofmap(mesh)
-        self.reference = mesh.geometry.x.copy()
+        self.reference = mesh.geometry.x.copy()  # of the nodes of the geometry in the mesh of the scene, (nodes, 3)
+        # numbers of the nodes that each shape moves
         self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
         self._check_box()
         self._middle = scene.parameters.middle
@@ -159,8 +152,7 @@ class Reshaped:
     def __call__(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point, (P,), its conditions in the order of the base problem.
 
-        Raises:
-            ShapeError: if other nodes are in contact there, or the boundary of a partial pressure is displaced.
+        ShapeError if other nodes are in contact there, or the boundary of a partial pressure is displaced.
         """
         return self._kept(point[list(self.axes)].tobytes())
 
@@ -217,16 +209,8 @@ class Reshaped:
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
-        rows = (
-            "contact",
-            "whole_contact",
-            "gaps",
-            "contact_slaves",
-            "contact_pairs",
-            "contact_points",
-            "contact_areas",
-        )
-        ordered = {name: getattr(problem, name)[order] for name in rows}
+        rows = "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
+        ordered = {name: getattr(problem, name)[order] for name in rows.split()}
         return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])})
 
     def _check_box(self) -> None:

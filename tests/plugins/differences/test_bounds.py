@@ -6,7 +6,6 @@ import dolfinx
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-import sphere_on_block
 from needs import needs, present
 from scenes import THESIS, block_scene, pressed_pair, slope, space
 from test_outputs import small_pellet
@@ -82,12 +81,6 @@ def few(full, sampling, **recipe):
     """A model of few answers."""
     snapshots = hhr.compute_snapshots(full, sampling.points(full.parameters))
     return hhr.build(full, snapshots, hhr.Recipe(**recipe).as_it_is())
-
-
-@needs("mortar")
-def test_sphere():
-    full = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(8, 4), block_cells=(6, 4)))
-    check_norms(check(full, few(full, hhr.LatinHypercube(8)), full.parameters.random(20, 11)), (1, 2, 3))
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
