@@ -275,7 +275,7 @@ class _Inside:
         theta = problem.amplitudes(point)
         imposed = np.zeros(problem.free.size)
         imposed[~problem.free] = interface
-        unloaded = self._factors.solve(problem.loads @ theta + self.part.load_of @ imposed)
+        unloaded = self._factors.solve(problem.loads @ theta - problem.stiffness @ imposed)
         slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
         found = active_set(equalities, slack, slack < 0, pairs=pairs)
         return (unloaded - per_force @ found.forces)[problem.free], found.forces

@@ -20,8 +20,7 @@ class Restriction:
 
     problem: ContactProblem  # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
     dofs: np.ndarray  # number in the whole problem of each of its dofs, (n,)
-    load_of: csr_matrix  # load on A of a unit value on each imposed dof, -K, sparse, (n, n)
-    gap_of: csr_matrix  # closure of each gap by these values, -B, sparse, (N_lambda_C, n)
+    gap_of: csr_matrix  # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
 
 
 def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
@@ -29,6 +28,7 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
 
     The RID is closed: no condition outside A_lambda acts on A.
     """
+    problem.require_whole()
     size = problem.block_size
     nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
     dofs = (nodes[:, None] * size + np.arange(size)).ravel()
@@ -52,5 +52,4 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         cell_nodes=number[problem.cell_nodes[sets.cells]],
         points=problem.points[nodes],
     )
-    load_of = -csr_matrix(masked(csc_matrix(problem.stiffness[dofs][:, dofs]), free))
-    return Restriction(part, dofs, load_of, -csr_matrix(rows))
+    return Restriction(part, dofs, -csr_matrix(rows))

@@ -196,15 +196,12 @@ class ManyContacts:
     schur: np.ndarray  # S, (n, m, m)
     free_slack: np.ndarray  # slack without contact forces, (n, m)
 
-    def stiffness(self, k: int) -> InterpolatedStiffness:
-        """S at one of the points."""
-        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
-        parts = list(zip(self.owner.parts, along, compliances, strict=True))
-        return InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
-
     def __getitem__(self, k: int) -> CondensedContact:
         """Contact problem at one of the points, for parts without modes of the unknown."""
-        return self.owner.contact(self.points[k], self.theta[k], self.stiffness(k), self.free_slack[k], np.zeros(0))
+        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
+        parts = list(zip(self.owner.parts, along, compliances, strict=True))
+        found = InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
+        return self.owner.contact(self.points[k], self.theta[k], found, self.free_slack[k], np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -313,7 +310,8 @@ class Compliances(Elimination):
         slack = self.gaps_at(point) @ changes
         found = np.zeros((self.unknowns, point.size))
         if self.reshaped is not None:
-            for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
+            gaps = self.reshaped.modes @ self.reshaped.slopes_along_modes(point)
+            for axis, column in zip(self.reshaped.axes, gaps.T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
         for part, along, _compliance in stiffness.parts:
             factor = part.factored(point)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Annotated
 
@@ -89,10 +89,6 @@ class Interpolant:
         sides = (self.upper - self.lower).tolist()
         columns = [self.weights @ (self.polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
         return np.stack(columns, axis=1)
-
-    def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Derivatives along its axes, (M, d)."""
-        return self.modes @ self.slopes_along_modes(point)
 
     @property
     def nodes(self) -> np.ndarray:
@@ -191,7 +187,7 @@ def grow(
             thousands of points: a few places do not detect spikes between them. None if there is no such function.
     """
     axes, lower, upper = box
-    growing = _Growing(function, scale, box)
+    growing = _Growing(function, scale, lower, upper)
 
     def unresolved() -> float:
         return 0.0 if everywhere is None else everywhere(growing.levels)
@@ -216,29 +212,27 @@ def grow(
     return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
 
 
+@dataclass
 class _Growing:
-    """Terms of an interpolation as it grows; see :func:`grow` for its arguments."""
+    """Terms of an interpolation as it grows; see :func:`grow` for the first four."""
 
-    def __init__(
-        self,
-        function: Callable[[np.ndarray], np.ndarray],
-        scale: Callable[[np.ndarray], float],
-        box: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ):
-        axes, self._lower, self._upper = box
-        self._function = function
-        self._scale = scale
-        self.order: list[tuple[int, ...]] = []  # levels of the terms
-        self.surpluses: list[np.ndarray] = []  # of each term
-        self.waiting: dict[tuple[int, ...], float] = {}  # sizes of surpluses of terms whose successors are untried
-        self.ended = [0.0]  # the same of terms that no longer axis could follow
-        self._try((0,) * axes.size)
-        self.probes: list[tuple[np.ndarray, np.ndarray]] = []  # random places, and the function there
+    function: Callable[[np.ndarray], np.ndarray]
+    scale: Callable[[np.ndarray], float]
+    lower: np.ndarray
+    upper: np.ndarray
+    order: list[tuple[int, ...]] = field(default_factory=list)  # levels of the terms
+    surpluses: list[np.ndarray] = field(default_factory=list)  # of each term
+    waiting: dict[tuple[int, ...], float] = field(default_factory=dict)  # their sizes, if no successor was tried
+    ended: list[float] = field(default_factory=lambda: [0.0])  # the same of terms that no longer axis could follow
+    probes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)  # random places, and the function there
+
+    def __post_init__(self) -> None:
+        self._try((0,) * self.lower.size)
 
     @property
     def levels(self) -> np.ndarray:
         """Levels of the terms, (n, d)."""
-        return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self._lower))
+        return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self.lower))
 
     def next(self) -> tuple[int, ...]:
         """The next term: first the levels that are always included, then the term of the largest surplus."""
@@ -271,20 +265,20 @@ class _Growing:
 
     def off(self) -> float:
         """Largest error at random places: a term that vanishes at its node hides its successors."""
-        if not self.probes and len(self._lower):
-            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self._lower)))
+        if not self.probes and len(self.lower):
+            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self.lower)))
             self.probes = [(place, self._at(place)) for place in places]
-        return max((self._scale(self._left(value, place)) for place, value in self.probes), default=0.0)
+        return max((self.scale(self._left(value, place)) for place, value in self.probes), default=0.0)
 
     def _try(self, levels: tuple[int, ...]) -> None:
         place = nodes_of(np.array(levels, dtype=np.int64))
         surplus = self._left(self._at(place), place)
         self.order.append(levels)
         self.surpluses.append(surplus)
-        self.waiting[levels] = self._scale(surplus)
+        self.waiting[levels] = self.scale(surplus)
 
     def _at(self, place: np.ndarray) -> np.ndarray:
-        return self._function(self._lower + (place + 1) / 2 * (self._upper - self._lower))
+        return self.function(self.lower + (place + 1) / 2 * (self.upper - self.lower))
 
     def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Residual of a value after all terms."""

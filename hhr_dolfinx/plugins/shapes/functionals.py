@@ -139,6 +139,5 @@ class ReshapedFunctionals(OverShapes):
 def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
     """A copy with other arrays that keeps the parsed formulas: parsing takes a millisecond."""
     found = copy(item)
-    for name, value in change.items():
-        object.__setattr__(found, name, value)
+    vars(found).update(change)
     return found

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -22,10 +22,6 @@ from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 from hhr_dolfinx.plugins.shapes.system import ReassembledSystem
 from hhr_dolfinx.warn import ignored
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
-    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -42,6 +38,9 @@ class Reshaped:
     middle of the box outside of evaluations. SceneError for maps that tear bodies apart or invert cells somewhere in
     the parameter range.
     """
+
+    system = staticmethod(ReassembledSystem)
+    interpolated_outputs = staticmethod(reshaped_functionals)
 
     def __init__(self, discretisation: Any):
         scene = discretisation.scene
@@ -164,19 +163,9 @@ class Reshaped:
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
 
-    def system(self, problem: ContactProblem, *makers: Any) -> ReassembledSystem:
-        """The system of the base problem."""
-        return ReassembledSystem(problem, *makers)
-
     def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
         return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
-
-    def interpolated_outputs(
-        self, prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
-    ) -> ReshapedFunctionals:
-        """These outputs interpolated between shapes, see :func:`reshaped_functionals`."""
-        return reshaped_functionals(prepared, problem, basis, settings)
 
     def _assembled(self, key: bytes) -> ContactProblem:
         """The problem for a shape; no other parameter changes it."""
