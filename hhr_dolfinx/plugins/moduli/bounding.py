@@ -194,17 +194,15 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
 
 def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random points, in the order of energies."""
-    space = solver.problem.parameters
     worst = 0.0
-    for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
+    for point in solver.problem.parameters.random(PLACES, seed=PLACES):
         exact = with_energies(solver, point)
         along = part.interpolant.along_modes(point)
-        scale = exact["schur"].diagonal().mean()
-        schur = part.schur(along)
-        shift = NOISE * scale * np.eye(len(exact["schur"]))
-        worst = max(worst, np.abs(eigvalsh(schur - exact["schur"], exact["schur"] + shift)).max())
+        schur = exact["schur"]
+        shift = NOISE * schur.diagonal().mean() * np.eye(len(schur))
+        worst = max(worst, np.abs(eigvalsh(part.schur(along) - schur, schur + shift)).max())
         sizes = _sizes(exact["work"])
-        conditions = _sizes(exact["schur"])
+        conditions = _sizes(schur)
         work = np.tensordot(along, energy.work, 1) - exact["work"]
         columns = part.columns @ along - exact["columns"]
         for off, first, second in ((work, sizes, sizes), (columns, sizes, conditions)):
@@ -252,10 +250,8 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     groups = [kept] if together else [[one] for one in kept]
     error = sum(_largest_images(group, lower, problem) for group in groups)
     places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
-    softer = np.array(
-        [[part.compliance(point) / part.compliance(middle) for part in compliances.parts] for point in places]
-    )
-    return error * float((softer.max(axis=1) / softer.min(axis=1)).max(initial=1.0))
+    softer = [part.compliances(places) / part.compliance(middle) for part in compliances.parts]
+    return error * float((np.max(softer, axis=0) / np.min(softer, axis=0)).max(initial=1.0))
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from types import MappingProxyType
@@ -28,7 +28,7 @@ from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
-from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, solvers_of
+from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, kept, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
@@ -46,6 +46,7 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
+    from hhr_dolfinx.snapshots.store import ArrayStore
 
 
 ALONG = 4
@@ -109,15 +110,10 @@ class _Prepared(NamedTuple):
     task: Task
     solvers: list[Solver]
 
-    def kept(self, called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Arrays of a stage, from the store of the solvers if an interrupted run left them there."""
-        store = next((solver.store for solver in self.solvers if solver.store is not None), None)
-        found = None if store is None else store.load(called)
-        if found is None:
-            found = compute()
-            if store is not None:
-                store.save(called, found)
-        return found
+    @property
+    def store(self) -> ArrayStore | None:
+        """Store of the solvers, which keeps arrays of stages too."""
+        return self.solvers[0].store if self.solvers else None
 
     def compliances(self, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
         """Compliances of all components, with a warning if a grid spent its budget."""
@@ -142,7 +138,7 @@ class _Prepared(NamedTuple):
             known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
             return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
 
-        known = LinearStarts(**self.kept(f"starts {settings} {len(points)}", starts))
+        known = LinearStarts(**kept(self.store, f"starts {settings} {len(points)}", starts))
         return known, np.maximum(known.margins, 0.0)
 
     def bounded(self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool) -> InterpolatedFields:
@@ -238,7 +234,8 @@ class Condensation(Reductor[_Prepared]):
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
                     given = compliances, prepared.solvers, known.points, forces, task.announce
-                    seen.append(prepared.kept(f"fields {settings}", lambda: {"0": _fields_along(*given)})["0"])
+                    found = kept(prepared.store, f"fields {settings}", lambda: {"0": _fields_along(*given)})
+                    seen.append(found["0"])
                 if task.snapshots is not None:
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
