@@ -234,8 +234,7 @@ class Condensation(Reductor[_Prepared]):
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
                     given = compliances, prepared.solvers, known.points, forces, task.announce
-                    found = kept(prepared.store, f"fields {settings}", lambda: {"0": _fields_along(*given)})
-                    seen.append(found["0"])
+                    seen.append(kept(prepared.store, f"fields {settings}", lambda: {"0": _fields_along(*given)})["0"])
                 if task.snapshots is not None:
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
