@@ -60,6 +60,7 @@ def test_values_and_derivatives_by_hand(text, value, slopes):
     assert type(scalar.value(AT)) is float
     assert scalar.derivative(AT) == pytest.approx(slopes, rel=1e-13, abs=1e-13)
     assert scalar(AT) == ([0], [scalar.value(AT)])
+    assert scalar.values(np.stack([AT, AT])) == pytest.approx(2 * [scalar.value(AT)], rel=1e-15)
 
 
 def random_text(rng, depth):

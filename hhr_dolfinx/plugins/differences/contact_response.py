@@ -22,25 +22,17 @@ CANCELLED = 1e-3
 
 
 class Outside(NamedTuple):
-    """Partition of the contact conditions into given and free ones (k and m - k of m conditions).
+    """Partition of the contact conditions into given and free ones (k and m - k of m conditions)."""
 
-    Attributes:
-        inside, outside: indices of the given conditions, (k,), and of the free ones, (m - k,).
-        equalities: equality problems on S of the free ones.
-        columns: response of the free conditions to the given forces, (k, m - k).
-    """
-
-    inside: np.ndarray
-    outside: np.ndarray
-    equalities: SchurEqualities
-    columns: np.ndarray
+    inside: np.ndarray  # indices of the given conditions, (k,)
+    outside: np.ndarray  # indices of the free ones, (m - k,)
+    equalities: SchurEqualities  # equality problems on S of the free ones
+    columns: np.ndarray  # response of the free conditions to the given forces, (k, m - k)
 
     def completed(self, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """All forces, (n, m): the free ones close their gaps, in a small contact problem for each answer.
+        """All forces, (n, m), from given ones, (n, k), and the slack without forces, (n, m): the free ones close gaps.
 
-        Args:
-            own: the given forces, (n, k).
-            free: slack without forces, (n, m).
+        Each answer has a small contact problem.
         """
         forces = np.zeros(free.shape)
         forces[:, self.inside] = own
@@ -52,12 +44,9 @@ class Outside(NamedTuple):
         return forces
 
     def changes(self, forces: np.ndarray, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces along some parameters, (m, P), at constant statuses.
+        """Derivatives of all completed forces, (m,), along some parameters, (m, P), at constant statuses.
 
-        Args:
-            forces: completed ones, (m,).
-            own: derivatives of the given forces, (k, P).
-            free: derivatives of the slack without forces, (m, P).
+        ``own`` are those of the given forces, (k, P), ``free`` those of the slack without forces, (m, P).
         """
         found = np.zeros(free.shape)
         found[self.inside] = own
@@ -70,13 +59,9 @@ class Outside(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactResponse(Rebuilt):
-    """S of m conditions.
+    """S of m conditions."""
 
-    Attributes:
-        schur: S, symmetric and positive definite, (m, m).
-    """
-
-    schur: np.ndarray
+    schur: np.ndarray  # symmetric and positive definite, (m, m)
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """Partition with given forces of the conditions ``inside``; the others may be passed if they are known."""
@@ -95,15 +80,12 @@ class ContactResponse(Rebuilt):
     def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces that solve the contact problem on S, (n, m), and True for those that converged, (n,) bool.
 
-        The search starts from the statuses of given forces, which remain if it does not converge.
-
-        Args:
-            forces: non-negative, (n, m).
-            free: slack without forces, (n, m).
+        The search starts from the statuses of given forces >= 0, (n, m), which remain if it does not converge. ``free``
+        is the slack without forces, (n, m).
         """
         found = np.empty(forces.shape)
         left = list(range(len(forces)))
-        touching = self._stiffness * forces > free + forces @ self.schur
+        touching = self._diagonal * forces > free + forces @ self.schur
         if len(forces) > 1:
             found, _, left = settled(self.schur, free, touching, LapackCholesky)
         closed = np.ones(len(forces), dtype=bool)
@@ -114,6 +96,5 @@ class ContactResponse(Rebuilt):
         return np.maximum(found, 0.0), closed
 
     @cached_property
-    def _stiffness(self) -> np.ndarray:
-        """Diagonal of S, (m,)."""
+    def _diagonal(self) -> np.ndarray:
         return self.schur.diagonal().copy()

@@ -51,11 +51,8 @@ class Exact(NamedTuple):
 def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
     """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on these.
 
-    Motions are scaled like a force on one condition, at the condition with the largest effect.
-
-    Args:
-        schur: S, (m, m).
-        contact_of_motions: G = B R, (m, r), without zero columns; r = 0 if all bodies are held.
+    G = B R, (m, r), has no zero columns; r = 0 if all bodies are held. Motions are scaled like a force on one
+    condition, at the condition with the largest effect.
     """
     scale = schur.diagonal().mean() / np.abs(contact_of_motions).max(axis=0) ** 2
     return schur + (contact_of_motions * scale) @ contact_of_motions.T
@@ -63,34 +60,23 @@ def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ExactDifference(Rebuilt):
-    """Arrays of the exact answer (m conditions, 1 + T terms, r motions, ell modes).
+    """Arrays of the exact answer (m conditions, 1 + T terms, r motions, ell modes)."""
 
-    Attributes:
-        free_slack: gaps - B K^-1 loads, (m, 1 + T).
-        schur: S, (m, m).
-        taken: G = B R, (m, r); r = 0 if all bodies are held.
-        driving: loads along the motions, (r, 1 + T).
-        given: u0 in directions of unit energy, (1 + T, 1 + T).
-        cross: (K^-1 B^T)^T K u0, (m, 1 + T).
-        lifting: energy norms of imposed displacements, whose round-off u0 has, (1 + T,).
-        areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`.
-        kept: projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal after L, the
-            factor of :func:`definite`, (m, c); no columns if they span all of it; None if the columns are V.
-        modes: V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell); None if the
-            columns are not V.
-        loads: K^-1 loads in the same directions and more, (k'', 1 + T); None if the columns are not V.
-    """
-
-    free_slack: Annotated[Floats, "N_lambda", "terms"]
-    schur: Annotated[Floats, "N_lambda", "N_lambda"]
-    taken: Annotated[Floats, "N_lambda", "motions"]
-    driving: Annotated[Floats, "motions", "terms"]
-    given: Annotated[Floats, "terms", "terms"]
-    cross: Annotated[Floats, "N_lambda", "terms"]
-    lifting: Annotated[Floats, "terms"]
+    free_slack: Annotated[Floats, "N_lambda", "terms"]  # gaps - B K^-1 loads, (m, 1 + T)
+    schur: Annotated[Floats, "N_lambda", "N_lambda"]  # S, (m, m)
+    taken: Annotated[Floats, "N_lambda", "motions"]  # G = B R, (m, r); r = 0 if all bodies are held
+    driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
+    given: Annotated[Floats, "terms", "terms"]  # u0 in directions of unit energy, (1 + T, 1 + T)
+    cross: Annotated[Floats, "N_lambda", "terms"]  # (K^-1 B^T)^T K u0, (m, 1 + T)
+    lifting: Annotated[Floats, "terms"]  # energy norms of imposed displacements, whose round-off u0 has, (1 + T,)
+    # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
+    # projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal after L, the factor
+    # of :func:`definite`, (m, c); no columns if they span all of it; None if the columns are V
     kept: Annotated[Floats, "N_lambda", "kept columns"] | None = None
+    # V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell), and K^-1 loads in the same
+    # directions and more, (k'', 1 + T); None if the columns are not V
     modes: Annotated[Floats, "field rows", "ell"] | None = None
     loads: Annotated[Floats, "load rows", "terms"] | None = None
 
@@ -182,17 +168,11 @@ class ExactDifference(Rebuilt):
 
 
 class DifferenceThere(NamedTuple):
-    """See :class:`~hhr_dolfinx.models.bound.BoundThere`; one answer for bodies that only contact holds.
+    """See :class:`~hhr_dolfinx.models.bound.BoundThere`; one answer for bodies that only contact holds."""
 
-    Attributes:
-        owner: the arrays.
-        theta: θ of each answer.
-        free: slack without forces, (n, m).
-    """
-
-    owner: ExactDifference
-    theta: Thetas
-    free: np.ndarray
+    owner: ExactDifference  # the arrays
+    theta: Thetas  # θ of each answer
+    free: np.ndarray  # slack without forces, (n, m)
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.models.bound.BoundThere`; for pinned bodies."""
@@ -232,10 +212,7 @@ class DifferenceThere(NamedTuple):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), at constant statuses.
 
-        Args:
-            forces: returned ones, (m,).
-            of_forces: returns their derivatives, (m, P).
-            of_theta: derivatives of θ, (1 + T, P).
+        ``of_forces`` returns those of the returned forces, (m, P), ``of_theta`` are those of θ, (1 + T, P).
         """
         owner = self.owner
         found = self.exact(forces[None]).forces[0]

@@ -24,16 +24,12 @@ class FieldResponse:
 
     Forces solve the contact problem on S from the statuses of an answer. For bodies that only contact holds the
     last columns of the displacement are their rigid motions R, whose coordinates are the amplitudes of these.
-
-    Attributes:
-        loaded: K^-1 of some loads, (N, k), which span all loads.
-        loading: coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T).
-        onto: G, (c, m); None if the columns are those of K^-1 B^T.
     """
 
-    loaded: Annotated[Floats, "N", "loads"]
+    loaded: Annotated[Floats, "N", "loads"]  # K^-1 of some loads, (N, k), which span all loads
+    # coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T)
     loading: Annotated[csc_matrix, "loads", "terms"]
-    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None
+    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None  # G, (c, m); None for the columns of K^-1 B^T
 
     def within(self, fields: Reconstruction) -> ResponseWithin:
         """See :class:`~hhr_dolfinx.models.bound.Response`."""
@@ -46,15 +42,10 @@ class FieldResponse:
 
 @dataclass(frozen=True, eq=False)
 class ResponseWithin:
-    """See :class:`~hhr_dolfinx.models.bound.ResponseWithin`.
-
-    Attributes:
-        response: the response.
-        fields: has the columns.
-    """
+    """See :class:`~hhr_dolfinx.models.bound.ResponseWithin`."""
 
     response: FieldResponse
-    fields: Reconstruction
+    fields: Reconstruction  # has the columns
 
     def coordinates(self, answer: Answer, there: DifferenceThere, forces: np.ndarray) -> np.ndarray:
         """Coordinates of the exact forces, with the motion of the answer along undetermined motions."""

@@ -38,8 +38,7 @@ MOST_READ = 50
 def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
     """Differences for a basis; S completes forces and displacement unless training forces do, ``cone``.
 
-    Raises:
-        BoundError: with the hypothesis that fails.
+    BoundError with the hypothesis that fails.
     """
     return (
         Bounding(exact_difference(full, basis, forces), basis) if cone else field_response(full, forces, basis.shape[1])
@@ -59,9 +58,7 @@ def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | No
     """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are held.
 
     Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the denominator.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    BoundError: see :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces)
     modes, loads = unit_energy(full, lower, basis)
@@ -73,10 +70,7 @@ def exact_arrays(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
 
-    Bodies that only contact holds are refused unless ``floating`` is set.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    Bodies that only contact holds are refused unless ``floating`` is set. BoundError with the hypothesis that fails.
     """
     problem = full.problem
     check_hypotheses(full, floating=floating)
@@ -116,11 +110,7 @@ def exact_arrays(
 
 
 def factor_of(schur: np.ndarray) -> np.ndarray:
-    """Cholesky factor of S.
-
-    Raises:
-        BoundError: if it is not definite.
-    """
+    """Cholesky factor of S; BoundError if it is not definite."""
     try:
         return linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
@@ -128,11 +118,7 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
 
 
 def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
-    """Refuse models without known errors, and bodies that only contact holds unless ``floating`` is set.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
-    """
+    """BoundError for models without known errors, and for bodies that only contact holds unless ``floating`` is set."""
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
@@ -209,15 +195,10 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
 
     All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of the response to
     training forces, each with the same weight, so that weak contact counts as much as strong contact, followed by
-    those of the response to any forces. The rigid motions of bodies that only contact holds come last.
+    those of the response to any forces. The rigid motions of bodies that only contact holds come last and do not count.
 
-    Args:
-        full: a full model whose stiffness is constant.
-        forces: of training, (m, S).
-        most: largest number of columns, not counting the motions.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    The stiffness of the full model is constant, ``forces`` are those of training, (m, S). BoundError: see
+    :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces, floating=True)
     columns, own, onto = columns_of_forces(full, lower, forces, most)
@@ -249,17 +230,11 @@ def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
 def columns_of_forces(
     full: FullModel, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are too many.
+    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are more than ``most``.
 
-    Args:
-        full: the full model, which multiplies by K^-1 B^T.
-        lower: L of S = L L^T, (m, m).
-        forces: of training, (m, S).
-        most: largest number of columns.
-
-    Returns:
-        The columns, (own, c); their directions in energy, (m, c), c = 0 if all are kept; and the map from forces to
-        their coordinates, (c, m), None if these are the forces.
+    L is that of S = L L^T, (m, m); forces are those of training, (m, S). Returns the columns, (own, c); their
+    directions in energy, (m, c), c = 0 if all are kept; and the map from forces to their coordinates, (c, m), None if
+    these are the forces.
     """
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
@@ -269,12 +244,10 @@ def columns_of_forces(
 
 
 def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
-    """Orthonormal directions of the response to forces, most important ones first, (m, count).
+    """Orthonormal directions of the response to forces, most important ones first, (m, count), count <= m.
 
-    Args:
-        columns: L^T times the training forces, (m, S), each of which is normalised.
-        lower: L; the remaining directions are those along which forces have the largest response.
-        count: of directions, up to m.
+    ``columns`` are L^T times the training forces, (m, S), each of which is normalised. The remaining directions are
+    those along which forces have the largest response.
     """
     sizes = np.linalg.norm(columns, axis=0)
     directions, values, _ = svd(columns[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)

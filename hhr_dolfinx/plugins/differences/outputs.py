@@ -30,17 +30,12 @@ def is_read(item: Functional, conditions: int) -> bool:
 
 @dataclass(frozen=True)
 class OutputDifference:
-    """Arrays of the exact outputs (n outputs, m conditions, 1 + T terms).
+    """Arrays of the exact outputs (n outputs, m conditions, 1 + T terms)."""
 
-    Attributes:
-        free: rows of these outputs times the displacement without contact forces, (K', 1 + T).
-        pressed: the same rows times K^-1 B^T, (K', m).
-        least: a thousandth of the largest absolute value in training of each output, the smallest denominator of a
-            relative error, (n,).
-    """
-
+    # rows of these outputs times the displacement without contact forces, (K', 1 + T), and times K^-1 B^T, (K', m)
     free: Annotated[Floats, "output rows", "terms"]
     pressed: Annotated[Floats, "output rows", "N_lambda"]
+    # a thousandth of the largest absolute value in training of each output, the least denominator of an error, (n,)
     least: Annotated[Floats, "outputs"]
 
     def knows(self, item: Functional) -> bool:
@@ -59,13 +54,9 @@ class OutputDifference:
         )
 
     def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-        """Differences for an answer, with the round-off of the subtraction, by the names of the outputs.
+        """Differences for an answer that converged, with the round-off of the subtraction, by the names of the outputs.
 
-        Args:
-            fields: fields of the answer, a :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`.
-            answer: one that converged.
-            forces: returned ones, (m,).
-            exact: exact ones, (m,).
+        ``fields`` are its :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`, ``forces`` the returned ones, (m,).
         """
         functionals: Functionals = fields.functionals
         given = fields.amplitudes(answer.parameter)

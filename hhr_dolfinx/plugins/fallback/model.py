@@ -98,11 +98,6 @@ class FallbackModel(AnsweringModel):
         return self.reduced.fields
 
     @property
-    def conditions(self) -> int:
-        """Number of conditions on the whole contact surface."""
-        return self.full.conditions
-
-    @property
     def share(self) -> float:
         """Part of the queries that the full model answered."""
         return self.fallen / max(self.asked, 1)

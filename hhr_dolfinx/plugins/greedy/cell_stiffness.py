@@ -20,17 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CellStiffness:
-    """K of some cells at any point, without boundary conditions, (N, N).
+    """K of some cells at any point, without boundary conditions, (N, N)."""
 
-    Attributes:
-        part: the discretisation with the bodies of these cells.
-        terms: parts of K on the mesh of the scene.
-        moduli: of the parts; empty if K is constant.
-    """
-
-    part: Discretisation
-    terms: tuple[csr_matrix, ...]
-    moduli: tuple[Modulus, ...]
+    part: Discretisation  # the discretisation with the bodies of these cells
+    terms: tuple[csr_matrix, ...]  # parts of K on the mesh of the scene
+    moduli: tuple[Modulus, ...]  # of the parts; empty if K is constant
 
     @classmethod
     def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:

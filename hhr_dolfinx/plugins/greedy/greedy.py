@@ -14,15 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.declared import check_layout
-from hhr_dolfinx.errors import (
-    BudgetWarning,
-    ConvergenceError,
-    FileContentError,
-    NotSolvableError,
-    StudyError,
-)
+from hhr_dolfinx.errors import BudgetWarning, ConvergenceError, FileContentError, NotSolvableError, StudyError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
@@ -60,12 +55,9 @@ NOTHING = 1e-12
 class Round(NamedTuple):
     """Quality of one model of a greedy training."""
 
-    answers: int
-    """Points, or paths, that it was trained on."""
-    worst: float
-    """Largest indicator among the candidates."""
-    middle: float
-    """Their median."""
+    answers: int  # points, or paths, that it was trained on
+    worst: float  # largest indicator among the candidates
+    middle: float  # their median
 
 
 class Choice(NamedTuple):
@@ -305,9 +297,7 @@ def apart(
     """
     lower, upper = np.array([space.lower, space.upper])
     scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
-    distances = np.full(len(scaled), np.inf)
-    for point in there:
-        distances = np.minimum(distances, np.linalg.norm(scaled - point, axis=1))
+    distances = cdist(scaled, there).min(axis=1, initial=np.inf)
     chosen: list[int] = []
     while len(chosen) < count:
         worth = values * distances

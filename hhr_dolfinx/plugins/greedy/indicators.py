@@ -237,21 +237,15 @@ def _interpolated(
 
 
 class _Domain:
-    """The full equations of a RID at any point, factored once for constant stiffness.
-
-    Attributes:
-        inner: dofs of A, in the whole problem.
-        interface: dofs of the RID outside A, in the whole problem.
-        places: indices of these among the dofs of the RID.
-    """
+    """The full equations of a RID at any point, factored once for constant stiffness."""
 
     def __init__(self, problem: ContactProblem, sets: IndexSets):
         self._problem = problem
         self._sets = sets
         part = restricted(problem, sets)
-        self.places = np.flatnonzero(~part.problem.free)
-        self.inner = part.dofs[part.problem.free]
-        self.interface = part.dofs[self.places]
+        self.places = np.flatnonzero(~part.problem.free)  # indices of the interface among the dofs of the RID
+        self.inner = part.dofs[part.problem.free]  # dofs of A, in the whole problem
+        self.interface = part.dofs[self.places]  # dofs of the RID outside A, in the whole problem
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:
@@ -281,7 +275,7 @@ class _Inside:
         theta = problem.amplitudes(point)
         imposed = np.zeros(problem.free.size)
         imposed[~problem.free] = interface
-        unloaded = self._factors.solve(problem.loads @ theta + self.part.load_of @ imposed)
+        unloaded = self._factors.solve(problem.loads @ theta - problem.stiffness @ imposed)
         slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
         found = active_set(equalities, slack, slack < 0, pairs=pairs)
         return (unloaded - per_force @ found.forces)[problem.free], found.forces

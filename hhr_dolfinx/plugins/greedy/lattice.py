@@ -38,8 +38,7 @@ class Lattice:
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The points, (n, P), with the corners of the box first if all of them fit.
 
-        Raises:
-            ParameterError: if ``levels`` has another number of parameters.
+        ParameterError if ``levels`` has another number of parameters.
         """
         size = len(space.names)
         levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)

@@ -16,53 +16,23 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
 
 @dataclass(frozen=True)
 class Restriction:
-    """The problem of a RID, whose free dofs are A; the dofs of its other nodes are imposed, including the interface I.
+    """The problem of a RID, whose free dofs are A; dofs of its other nodes are imposed, including the interface I."""
 
-    Attributes:
-        problem: with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21).
-        dofs: number in the whole problem of each of its dofs, (n,).
-        conditions: A_lambda, number in the whole problem of each of its conditions.
-        load_of: load on A of a unit value on each imposed dof, -K, sparse, (n, n).
-        gap_of: closure of each gap by these values, -B, sparse, (N_lambda_C, n).
-    """
-
-    problem: ContactProblem
-    dofs: np.ndarray
-    conditions: np.ndarray
-    load_of: csr_matrix
-    gap_of: csr_matrix
-
-    def imposing(self, values: np.ndarray) -> ContactProblem:
-        """The problem for some values of U0 on the imposed dofs; its U0 is the difference from them.
-
-        Args:
-            values: U0 of another model on the dofs of the restriction, (n,); values on A are not used.
-        """
-        problem = self.problem
-        imposed = np.where(self.problem.free, 0.0, values)
-        gaps = problem.gaps.copy()
-        gaps[:, 0] += self.gap_of @ imposed
-        loads, lifts = (
-            whole + _first_column(column, whole.shape)
-            for whole, column in ((problem.loads, self.load_of @ imposed), (problem.lifts, imposed))
-        )
-        return replace(problem, loads=loads, lifts=lifts, gaps=gaps)
+    problem: ContactProblem  # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
+    dofs: np.ndarray  # number in the whole problem of each of its dofs, (n,)
+    gap_of: csr_matrix  # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
 
 
 def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
     """Cut the problem of a RID out of the whole one; for a RID of the whole domain return the whole problem.
 
-    Args:
-        problem: the whole problem.
-        sets: index sets of a closed RID: no condition outside A_lambda acts on A.
+    The RID is closed: no condition outside A_lambda acts on A.
     """
-    stiffness = problem.stiffness
+    problem.require_whole()
     size = problem.block_size
     nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
     dofs = (nodes[:, None] * size + np.arange(size)).ravel()
-    free = np.zeros(problem.free.size, dtype=bool)
-    free[sets.A] = True
-    free = free[dofs]
+    free = np.isin(dofs, sets.A)
     number = np.full(len(problem.points), -1)
     number[nodes] = np.arange(nodes.size)
     rows = problem.contact[sets.A_lambda][:, dofs]
@@ -82,11 +52,4 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         cell_nodes=number[problem.cell_nodes[sets.cells]],
         points=problem.points[nodes],
     )
-    load_of = -csr_matrix(masked(csc_matrix(stiffness[dofs][:, dofs]), free))
-    return Restriction(part, dofs, sets.A_lambda, load_of, -csr_matrix(rows))
-
-
-def _first_column(column: np.ndarray, shape: tuple[int, int]) -> csc_matrix:
-    """A sparse matrix with only a first column."""
-    rows = np.flatnonzero(column)
-    return csc_matrix((column[rows], (rows, np.zeros_like(rows))), shape=shape)
+    return Restriction(part, dofs, -csr_matrix(rows))

@@ -95,10 +95,7 @@ def varying_bound(
 
     Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at least a thousandth of
     the largest training force, (N_lambda, S), as the denominator. ``solvers`` of the components that have some points
-    already may be passed.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
+    already may be passed. BoundError with the hypothesis that fails.
     """
     problem: ContactProblem = full.problem
     known = between(full, solvers, announce)
@@ -131,9 +128,10 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
         if not part.interpolant.axes.size:  # only an exact factor changes it
             continue
         seen = _seen(solver, part, energy)
-        sure = _proved(part, kind)
-        proved &= sure is not None and seen <= sure + NOISE
-        errors += [OBSERVED * seen if sure is None or seen > sure + NOISE else sure]
+        sure = math.inf if kind is None else kind.error(len(part.interpolant.levels))
+        holds = sure <= PROVED and seen <= sure + NOISE
+        proved &= holds
+        errors.append(sure if holds else OBSERVED * seen)
     seen = probed(solvers, compliances, problem)
     errors.append(seen if seen > NOISE else 0.0)
     proved &= errors[-1] <= PROVED
@@ -167,11 +165,9 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
     reshaped = problem.reshaped
     if reshaped is None:
         return None
-
-    def there(point: np.ndarray) -> dict[str, np.ndarray]:
-        return {"areas": reshaped(point).contact_areas}
-
-    return grown(there, problem.parameters, reshaped.axes, SHAPE_GRID)[0].interpolant
+    space = problem.parameters
+    grid, _ = grown(lambda point: {"areas": reshaped(point).contact_areas}, space, reshaped.axes, SHAPE_GRID)
+    return grid.interpolant
 
 
 def _check_resolved(error: float) -> None:
@@ -192,34 +188,21 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
     moduli = part.moduli
     if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
         return None
-    axis = int(part.axes[0])
-    space = problem.parameters
     of_volume = len(moduli) == 2 and all(modulus.rest != "1" for modulus in moduli)
-    ends = float(space.lower[axis]), float(space.upper[axis])
-    return PartStiffness(moduli, part.factor, axis, *ends, problem.middle, of_volume)
-
-
-def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
-    """ε of a part, None if it is not proved, or too large."""
-    if kind is None:
-        return None
-    error = kind.error(len(part.interpolant.levels))
-    return error if error <= PROVED else None
+    return PartStiffness(part, problem.parameters, of_volume)
 
 
 def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random points, in the order of energies."""
-    space = solver.problem.parameters
     worst = 0.0
-    for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
+    for point in solver.problem.parameters.random(PLACES, seed=PLACES):
         exact = with_energies(solver, point)
         along = part.interpolant.along_modes(point)
-        scale = exact["schur"].diagonal().mean()
-        schur = part.schur(along)
-        shift = NOISE * scale * np.eye(len(exact["schur"]))
-        worst = max(worst, np.abs(eigvalsh(schur - exact["schur"], exact["schur"] + shift)).max())
+        schur = exact["schur"]
+        shift = NOISE * schur.diagonal().mean() * np.eye(len(schur))
+        worst = max(worst, np.abs(eigvalsh(part.schur(along) - schur, schur + shift)).max())
         sizes = _sizes(exact["work"])
-        conditions = _sizes(exact["schur"])
+        conditions = _sizes(schur)
         work = np.tensordot(along, energy.work, 1) - exact["work"]
         columns = part.columns @ along - exact["columns"]
         for off, first, second in ((work, sizes, sizes), (columns, sizes, conditions)):
@@ -227,44 +210,23 @@ def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     return float(worst)
 
 
-class _Probe(NamedTuple):
-    """One component whose S_c is compared with solutions."""
-
-    solver: Solver  # of the component
-    conditions: np.ndarray  # conditions on its dofs, (m_c,)
-    rows: csr_matrix  # B on its dofs, (m_c, N)
-    modes: np.ndarray  # of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy
-    weights: np.ndarray  # S_c in the middle of the box along them, (r,)
-
-    @classmethod
-    def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
-        """Data of a part."""
-        rows = csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
-        middle = problem.middle
-        count = part.conditions.size
-        modes = part.interpolant.modes.T.reshape(-1, count, count)
-        return cls(solver, part.conditions, rows, modes, part.compliance(middle) * part.interpolant.along_modes(middle))
-
-    def slack(self, forces: np.ndarray) -> np.ndarray:
-        """S_c times forces, (m_c, k) each."""
-        return sum(weight * (mode @ forces) for weight, mode in zip(self.weights, self.modes, strict=True))
-
-
-def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: ContactProblem) -> float:
+def _largest_images(pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarray, problem: ContactProblem) -> float:
     """Sum of the norm estimates of each, by powers of A; several components share a solution."""
-    solver = probes[0].solver
     middle = problem.middle
-    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in probes]
+    rows = [csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs)) for solver, part in pairs]
+    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in pairs]
     for _ in range(POWERS):
         forces = [
-            solve_triangular(lower, image, lower=True, trans="T")[probe.conditions]
-            for probe, image in zip(probes, images, strict=True)
+            solve_triangular(lower, image, lower=True, trans="T")[part.conditions]
+            for (_, part), image in zip(pairs, images, strict=True)
         ]
-        loads = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
-        responses = solver.solved_together(problem, middle, loads)
-        for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
+        loads = csc_matrix(sum(own.T @ given for own, given in zip(rows, forces, strict=True)))
+        responses = pairs[0][0].solved_together(problem, middle, loads)
+        for place, (_, part) in enumerate(pairs):
+            # S_c is the only mode of a part without axes, which may take a tenth of all memory: there is no other copy
+            mode = part.interpolant.modes.reshape(part.conditions.size, -1)
             off = np.zeros(images[place].shape)
-            off[probe.conditions] = probe.slack(own) - probe.rows @ responses
+            off[part.conditions] = part.compliance(middle) * (mode @ forces[place]) - rows[place] @ responses
             images[place] = solve_triangular(lower, off, lower=True)
     return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
 
@@ -283,19 +245,13 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
     lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
     del schur
-    kept = [
-        _Probe.of(*one, problem)
-        for one in zip(solvers, compliances.parts, strict=True)
-        if not one[1].interpolant.axes.size
-    ]
-    together = bool(kept) and kept[0].solver.serves_all
+    kept = [pair for pair in zip(solvers, compliances.parts, strict=True) if not pair[1].interpolant.axes.size]
+    together = bool(kept) and solvers[0].serves_all
     groups = [kept] if together else [[one] for one in kept]
     error = sum(_largest_images(group, lower, problem) for group in groups)
     places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
-    softer = np.array(
-        [[part.compliance(point) / part.compliance(middle) for part in compliances.parts] for point in places]
-    )
-    return error * float((softer.max(axis=1) / softer.min(axis=1)).max(initial=1.0))
+    softer = [part.compliances(places) / part.compliance(middle) for part in compliances.parts]
+    return error * float((np.max(softer, axis=0) / np.min(softer, axis=0)).max(initial=1.0))
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:

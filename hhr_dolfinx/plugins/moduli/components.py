@@ -61,6 +61,16 @@ def components_of(problem: ContactProblem) -> list[Component]:
     return found
 
 
+def kept(store: ArrayStore | None, called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Arrays by name, from a store if an interrupted run left them there; else computed and kept for another run."""
+    found = None if store is None else store.load(called)
+    if found is None:
+        found = compute()
+        if store is not None:
+            store.save(called, found)
+    return found
+
+
 def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     """Columns with entries on some dofs."""
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
@@ -89,36 +99,20 @@ class Solver:
         place = point[part.axes].tobytes()
         found = self._known.get(place)
         if found is None:
-            found = self._read(place)
-            if found is None:
-                found = self._scaled() if self.serves_all else self._solved(point)
-                self._keep(place, found)
+            called = f"component {self.component.number} at {point[part.axes].tolist()}"
+            found = kept(self.store, called, self._scaled if self.serves_all else partial(self._solved, point))
+            if (work := found.pop("work", None)) is not None:
+                self._work[place] = work
             # if only an exact factor changes, there is one solution, which models and bounds share
             if self.serves_all or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
 
-    def _key(self, place: bytes) -> str:
-        """Name of the solutions at a point in the store."""
-        return f"component {self.component.number} at {np.frombuffer(place).tolist()}"
-
-    def _read(self, place: bytes) -> dict[str, np.ndarray] | None:
-        """Solutions of another run; None if there are none."""
-        found = None if self.store is None else self.store.load(self._key(place))
-        if found is None:
-            return None
-        if (work := found.pop("work", None)) is not None:
-            self._work[place] = work
-        return found
-
-    def _keep(self, place: bytes, found: Mapping[str, np.ndarray]) -> None:
-        """Keep solutions for another run, with the work of loads if that is known."""
-        if self.store is not None:
-            work = {"work": self._work[place]} if place in self._work else {}
-            self.store.save(self._key(place), {**found, **work})
-
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve loads too (symmetry)."""
+        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve loads too (symmetry).
+
+        The former return the work of loads too.
+        """
         problem = self._at(point)
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
@@ -128,8 +122,7 @@ class Solver:
             if schur is not None:
                 responses = factors.solve_columns(acting.T)
                 columns = (rows @ responses).T
-                self._work[point[part.axes].tobytes()] = acting @ responses
-                return self._normed(schur, columns, part.factor_at(point))
+                return self._normed(schur, columns, part.factor_at(point)) | {"work": acting @ responses}
             schur = np.empty((rows.shape[0],) * 2)
             columns = np.empty((acting.shape[0], rows.shape[0]))
             for places, block in factors.solved_blocks(rows.T):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from types import MappingProxyType
@@ -28,7 +28,7 @@ from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
-from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, solvers_of
+from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, kept, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
@@ -46,6 +46,7 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
+    from hhr_dolfinx.snapshots.store import ArrayStore
 
 
 ALONG = 4
@@ -71,13 +72,9 @@ PER_NODE = 8
 TOGETHER = 16
 """Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and at most; fields for
 each of them; and the number solved for at once. Of 32 fields those at 3 to 16 nodes were as good."""
-
-
 FEW = 150_000
 """Numbers of an interpolation up to which it may be finer than requested: they fit into the cache of a processor, so
 that answers take hardly longer, and into a page."""
-
-
 OF_CONDENSATION = {
     "displacement": "it is a combination of training answers, of which forces need none: train on more points",
     "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
@@ -92,21 +89,13 @@ GRID_BUDGETS = (200, 800, 800, 800, 800)
 
 @dataclass(frozen=True, eq=False)
 class CondensedFacts:
-    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    Attributes:
-        settings: targets of its grids.
-        evaluations: solutions of the parts of the scene, one number for each grid.
-        surpluses: surplus of the terms tried last, relative.
-        unresolved: error of the formulas of moduli between the nodes of the grids, as far as it was tested, relative.
-        finer: whether answers use the interpolation of the bound instead of these grids.
-    """
-
-    settings: GridSettings
-    evaluations: list[int]
-    surpluses: list[float]
-    unresolved: float
-    finer: bool
+    settings: GridSettings  # targets of its grids
+    evaluations: list[int]  # solutions of the parts of the scene, one number for each grid
+    surpluses: list[float]  # surplus of the terms tried last, relative
+    unresolved: float  # error of the formulas of moduli between the nodes of the grids, as far as tested, relative
+    finer: bool  # answers use the interpolation of the bound instead of these grids
 
     @property
     def doubt(self) -> float:
@@ -121,15 +110,10 @@ class _Prepared(NamedTuple):
     task: Task
     solvers: list[Solver]
 
-    def kept(self, called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Arrays of a stage, from the store of the solvers if an interrupted run left them there."""
-        store = next((solver.store for solver in self.solvers if solver.store is not None), None)
-        found = None if store is None else store.load(called)
-        if found is None:
-            found = compute()
-            if store is not None:
-                store.save(called, found)
-        return found
+    @property
+    def store(self) -> ArrayStore | None:
+        """Store of the solvers, which keeps arrays of stages too."""
+        return self.solvers[0].store if self.solvers else None
 
     def compliances(self, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
         """Compliances of all components, with a warning if a grid spent its budget."""
@@ -154,13 +138,8 @@ class _Prepared(NamedTuple):
             known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
             return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
 
-        known = LinearStarts(**self.kept(f"starts {settings} {len(points)}", starts))
+        known = LinearStarts(**kept(self.store, f"starts {settings} {len(points)}", starts))
         return known, np.maximum(known.margins, 0.0)
-
-    def spanning(self, compliances: Compliances, points: np.ndarray, forces: np.ndarray, called: str) -> np.ndarray:
-        """Displacements that span the fields, (N, k): responses to forces, (S, m), of solved points; kept as called."""
-        given = compliances, self.solvers, points, forces, self.task.announce
-        return self.kept(called, lambda: {"0": _fields_along(*given)})["0"]
 
     def bounded(self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool) -> InterpolatedFields:
         """Fields with a bound; unchanged without one, with the reason in the log."""
@@ -196,22 +175,14 @@ class Condensation(Reductor[_Prepared]):
 
     Displacements of snapshots span the fields; the contact forces do not need them. Without snapshots, fields of
     typical forces and loads at some nodes of the grids do.
-
-    Attributes:
-        settings: targets of the sparse grids; None for the defaults.
-        bound: whether answers have a bound of their error, or an estimate if none is proved.
-        fields: whether answers have displacements; without them there is no bound either.
-        along: whether displacements under forces and loads span the fields in addition to snapshots.
-        finer: whether answers use the interpolation of the bound if it is small; None: only without ``settings``.
-        spare: whether to leave out fields if there can be no bound; nothing is compared then.
     """
 
-    settings: GridSettings | None = None
-    bound: bool = True
-    fields: bool = True
-    along: bool = False
-    finer: bool | None = None
-    spare: bool = False
+    settings: GridSettings | None = None  # targets of the sparse grids; None for the defaults
+    bound: bool = True  # answers have a bound of their error, or an estimate if none is proved
+    fields: bool = True  # answers have displacements; without them there is no bound either
+    along: bool = False  # displacements under forces and loads span the fields in addition to snapshots
+    finer: bool | None = None  # answers use the interpolation of the bound if it is small; None: without ``settings``
+    spare: bool = False  # leave out fields if there can be no bound; nothing is compared then
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION
@@ -262,7 +233,8 @@ class Condensation(Reductor[_Prepared]):
                 if task.snapshots is None:
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
-                    seen.append(prepared.spanning(compliances, known.points, forces, f"fields {settings}"))
+                    given = compliances, prepared.solvers, known.points, forces, task.announce
+                    seen.append(kept(prepared.store, f"fields {settings}", lambda: {"0": _fields_along(*given)})["0"])
                 if task.snapshots is not None:
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
@@ -389,10 +361,8 @@ def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces alone, without displacement."""
     problem = full.problem
     basis = np.zeros((problem.free.size, 0))
-    functionals = _outputs(full, basis, settings)
-    return InterpolatedFields(
-        problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals, full=full
-    )
+    rest = None, problem.block_size, None, _outputs(full, basis, settings)
+    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
 def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
@@ -405,10 +375,8 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)
     whole: Any = whole_problem(problem, basis, settings)
-    galerkin: Any
-    if problem.reshaped is None:
-        galerkin = BlockElimination(whole, problem.amplitudes)
-    else:
+    galerkin: Any = BlockElimination(whole, problem.amplitudes)
+    if problem.reshaped is not None:
         galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
     rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)

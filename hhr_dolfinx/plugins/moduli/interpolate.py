@@ -12,41 +12,25 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.plugins.moduli.interpolation import (
-    GrownGrid,
-    Interpolant,
-    grow,
-    nodes_of,
-    polynomials_of,
-    unstacked,
-)
+from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid, Interpolant, grow, nodes_of, unstacked, values_between
+from hhr_dolfinx.plugins.moduli.known_forces import many_weights
 
 
 @dataclass(frozen=True)
 class GridSettings:
-    """Targets of the growth of a sparse grid.
+    """Targets of the growth of a sparse grid."""
 
-    Attributes:
-        tolerance: target error of S and of the free slack, relative to their size.
-        budget: most solutions for each connected component of a scene.
-        compressed: whether directions are left out that the tolerance does not need; proofs about an interpolation need
-            them.
-        least: number of terms in any case.
-    """
-
-    tolerance: float = 1e-5
-    budget: int = 200
-    compressed: bool = True
-    least: int = 0
+    tolerance: float = 1e-5  # target error of S and of the free slack, relative to their size
+    budget: int = 200  # most solutions for each connected component of a scene
+    compressed: bool = True  # directions are left out that the tolerance does not need, but proofs do
+    least: int = 0  # number of terms in any case
 
     def __post_init__(self) -> None:
         if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):
@@ -78,6 +62,19 @@ class Part:
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 without one."""
         return 1.0 if self.factor is None else self.factor.value(point)
+
+    def weights(self, points: np.ndarray) -> np.ndarray:
+        """Weights of the parts of its stiffness without the factor, at points, (n, P): (n, Q)."""
+        weights = many_weights(self.moduli, points)
+        return weights if self.factor is None else weights / self.factor.values(points)[:, None]
+
+
+def points_of(space: ParameterSpace, axes: np.ndarray, scaled: np.ndarray) -> np.ndarray:
+    """Points of a box, (n, P), from coordinates along some axes in [-1, 1]^d, (n, d); the others are in its middle."""
+    lower, upper = np.array([space.lower, space.upper])[:, axes]
+    points = np.repeat(space.middle[None], len(scaled), axis=0)
+    points[:, axes] = lower + (scaled + 1) / 2 * (upper - lower)
+    return points
 
 
 def grown(
@@ -112,18 +109,19 @@ def grown(
 
     def scale(values: np.ndarray) -> float:
         """Largest of the parts."""
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-        return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
+        return max((float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())), default=0.0)
 
     box = (axes, lower[axes], upper[axes])
     how = (settings.tolerance, settings.budget)
-    formulas = None if part is None else FormulaGrid(part.moduli, part.factor, axes, space).error
+    formulas = None if part is None else FormulaGrid(part, space).error
     kept = settings.compressed
     grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
     modes = grid.interpolant.modes
     modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[:, None]
     parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
-    return (grid if part is None else grid.without_modes()), parts
+    if part is not None:
+        grid = replace(grid, interpolant=replace(grid.interpolant, modes=np.zeros((0, modes.shape[1]))))
+    return grid, parts
 
 
 def _alone(
@@ -136,8 +134,7 @@ def _alone(
     stacked = [values.reshape(-1, 1) for values in parts.values()] if part is None else []
     modes = np.asfortranarray(np.concatenate([np.zeros((0, 1)), *stacked]))
     interpolant = Interpolant(none.astype(np.int64), none, none, levels, modes, np.ones((1, 1)))
-    formulas = None if part is None else FormulaGrid(part.moduli, part.factor, interpolant.axes, space).error
-    return GrownGrid(interpolant, 0.0, 1, 0.0 if formulas is None else formulas(levels)), parts
+    return GrownGrid(interpolant, 0.0, 1, 0.0 if part is None else FormulaGrid(part, space).error(levels)), parts
 
 
 def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:
@@ -159,25 +156,20 @@ MIXED = (0.1, 0.5)
 
 @dataclass(frozen=True)
 class FormulaGrid:
-    """Compares polynomials of a grid with the formulas of a connected component."""
+    """Compares polynomials of a grid over the axes of a connected component with its formulas."""
 
-    moduli: Sequence[Modulus]  # of the parts of its stiffness
-    factor: Scalar | None  # common to these and not part of the grid; None without one
-    axes: np.ndarray  # parameters of the grid, (d,)
+    part: Part  # the component
     space: ParameterSpace  # the box
 
     def error(self, levels: np.ndarray) -> float:
         """Largest error of polynomials, (n, d), relative to the largest f_κ; infinite if one is not finite."""
-        if not self.moduli or not len(self._points_along):
+        if not self.part.moduli or not len(self._points_along):
             return 0.0
-        nodes = nodes_of(levels)
-        known = self._inverses(self._points(nodes))
+        known = self._inverses(points_of(self.space, self.part.axes, nodes_of(levels)))
         exact = self._exact
         if not (np.isfinite(known).all() and np.isfinite(exact).all()):
             return np.inf
-        # each polynomial vanishes at the nodes before its node
-        surpluses = solve_triangular(polynomials_of(levels, nodes), known, lower=True)
-        left = polynomials_of(levels, self._scaled(self._points_along)) @ surpluses - exact
+        left = values_between(levels, known, self._scaled(self._points_along)) - exact
         return float((np.abs(left).max(axis=0) / np.abs(exact).max(axis=0)).max(initial=0.0))
 
     @cached_property
@@ -185,11 +177,11 @@ class FormulaGrid:
         """Points along all parameters of the formulas that are axes, (n, P)."""
         names = {
             name
-            for modulus in self.moduli
+            for modulus in self.part.moduli
             for scalar in (modulus.factor_scalar, modulus.rest_scalar)
             for name in scalar.formula.variables
         }
-        return self.space.lines([axis for axis in self.axes.tolist() if self.space.names[axis] in names])
+        return self.space.lines([axis for axis in self.part.axes.tolist() if self.space.names[axis] in names])
 
     @cached_property
     def _exact(self) -> np.ndarray:
@@ -202,31 +194,19 @@ class FormulaGrid:
 
         A part may be negative, as the change of volume is for auxetic bodies; a negative mixture does not occur.
         """
-        weights = self._weights(self._points_along)
-        count = len(self.moduli)
+        weights = self.part.weights(self._points_along)
+        count = len(self.part.moduli)
         shares = [np.ones(count) / count]
         for mixed in MIXED if count > 1 else ():
             shares += list(mixed / (count - 1) * (1 - np.eye(count)) + (1 - mixed) * np.eye(count))
         found = (np.array(shares) / np.abs(weights).max(axis=0)).T
         return found[:, ~(weights @ found <= 0).any(axis=0)]
 
-    def _weights(self, points: np.ndarray) -> np.ndarray:
-        """w_q without the factor, at points, (n, P): (n, Q)."""
-        weights = np.stack([modulus.values(points) for modulus in self.moduli], axis=1)
-        return weights if self.factor is None else weights / self.factor.values(points)[:, None]
-
     def _inverses(self, points: np.ndarray) -> np.ndarray:
         """f_κ at points, (n, P): (n, k)."""
-        return 1 / (self._weights(points) @ self._shares)
-
-    def _points(self, scaled: np.ndarray) -> np.ndarray:
-        """Points of the box, (n, P), from coordinates along the axes in [-1, 1]^d."""
-        lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
-        points = np.repeat(self.space.middle[None], len(scaled), axis=0)
-        points[:, self.axes] = lower + (scaled + 1) / 2 * (upper - lower)
-        return points
+        return 1 / (self.part.weights(points) @ self._shares)
 
     def _scaled(self, points: np.ndarray) -> np.ndarray:
         """Coordinates along the axes in [-1, 1]^d, (n, d)."""
-        lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
-        return 2 * (points[:, self.axes] - lower) / (upper - lower) - 1
+        lower, upper = np.array([self.space.lower, self.space.upper])[:, self.part.axes]
+        return 2 * (points[:, self.part.axes] - lower) / (upper - lower) - 1

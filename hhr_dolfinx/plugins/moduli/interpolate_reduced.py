@@ -20,7 +20,6 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTer
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
-from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.projection import project
@@ -28,29 +27,24 @@ from hhr_dolfinx.reduction.starts import linear_starts
 
 REDUCED_GRID = GridSettings(1e-5, 300)
 """Tolerance far below the error of the reduction: a factorisation of K~ costs milliseconds."""
-
-
 SHAPE_GRID = GridSettings(2e-5, 200)
 """Tolerance below the error of the reduction: a shape of the RID costs a tenth of a second."""
 
 
 def interpolated_reduction(
-    problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace, settings: GridSettings = REDUCED_GRID
-) -> tuple[Compliances | None, list[GrownGrid]]:
+    problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace
+) -> Compliances | None:
     """Interpolate the elimination of gamma; None if it is not smooth and K~ should be factored for each query."""
     parts = []
-    grids = []
     for block in blocks_of(problem):
-        if problem.terms is None or not block.modes.size:
-            continue
+        assert problem.terms is not None
         part = _part(problem.terms, block, space)
-        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, settings, part)
-        grids.append(grid)
-        if grid.surplus > settings.tolerance:
-            return None, grids
+        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, REDUCED_GRID, part)
+        if grid.surplus > REDUCED_GRID.tolerance:
+            return None
         parts.append(compliance_of(part, grid, modes, block.modes))
     size = len(problem.stiffness)
-    return Compliances(tuple(parts), amplitudes, problem.gaps, None, size, symmetric=False), grids
+    return Compliances(tuple(parts), amplitudes, problem.gaps, None, size, symmetric=False)
 
 
 def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
@@ -128,23 +122,20 @@ def whole_problem(
 
 def interpolate(draft: Draft) -> None:
     """Stage of the hyper-reduction: K~^-1, interpolated between few parameters; statuses start along derivatives."""
-    with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
-        _interpolate(draft)
-
-
-def _interpolate(draft: Draft) -> None:
     model = draft.model
     log = draft.shared.log
-    if model.problem.motions:
-        log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
-        return
-    if model.law.remembers:
-        log.skip("interpolation", f"contact with {model.law.name}: K~ is factored once for all increments of a path")
-        return
-    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
-    if compliances is None:
-        log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
-        return
-    assert model.known is not None  # true for elastic bodies
-    known = linear_starts(compliances, model.known.points, model.problem.pairs)
-    draft.model = model.changed(compliances=compliances, known=known)
+    with log.stage("online_arrays", draft.shared.task.announce):
+        if model.problem.motions:
+            log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
+            return
+        if model.law.remembers:
+            why = f"contact with {model.law.name}: K~ is factored once for all increments of a path"
+            log.skip("interpolation", why)
+            return
+        compliances = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+        if compliances is None:
+            log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
+            return
+        assert model.known is not None  # true for elastic bodies
+        known = linear_starts(compliances, model.known.points, model.problem.pairs)
+        draft.model = model.changed(compliances=compliances, known=known)

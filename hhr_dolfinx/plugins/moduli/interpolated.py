@@ -154,14 +154,9 @@ class Compliance:
         return found
 
 
-def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
-    """Raise ValueError for a part with indices out of range, or with arrays of other sizes."""
-    named = {
-        "conditions": (part.conditions, conditions),
-        "forced": (part.forced, terms),
-        "lifted": (part.lifted, terms),
-        "axes": (part.interpolant.axes, parameters),
-    }
+def _check_places(part: Compliance, number: int, conditions: int, unknowns: int) -> None:
+    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other sizes."""
+    named = {"conditions": (part.conditions, conditions)}
     if part.primal is not None:
         named["unknowns"] = part.primal.unknowns, unknowns
     for name, (places, count) in named.items():
@@ -201,15 +196,12 @@ class ManyContacts:
     schur: np.ndarray  # S, (n, m, m)
     free_slack: np.ndarray  # slack without contact forces, (n, m)
 
-    def stiffness(self, k: int) -> InterpolatedStiffness:
-        """S at one of the points."""
-        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
-        parts = list(zip(self.owner.parts, along, compliances, strict=True))
-        return InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
-
     def __getitem__(self, k: int) -> CondensedContact:
         """Contact problem at one of the points, for parts without modes of the unknown."""
-        return self.owner.contact(self.points[k], self.theta[k], self.stiffness(k), self.free_slack[k], np.zeros(0))
+        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
+        parts = list(zip(self.owner.parts, along, compliances, strict=True))
+        found = InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
+        return self.owner.contact(self.points[k], self.theta[k], found, self.free_slack[k], np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -225,9 +217,8 @@ class Compliances(Elimination):
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
-        sizes = (*self.gaps.shape, self.amplitudes.slopes.shape[1], self.unknowns)
         for number, part in enumerate(self.parts):
-            _check_places(part, number, *sizes)
+            _check_places(part, number, len(self.gaps), self.unknowns)
 
     def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
         """Contact problem at a point, (P,); ``stiffness`` is S there if it is known."""
@@ -275,7 +266,10 @@ class Compliances(Elimination):
 
     def theta(self, point: np.ndarray) -> np.ndarray:
         """θ at a point, (1 + T,)."""
-        return _dense(self.amplitudes, point, self.gaps.shape[1])
+        theta = self.amplitudes(point)
+        found = np.zeros(self.gaps.shape[1])
+        found[theta.terms] = theta.values
+        return found
 
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and its parts at a point, (P,)."""
@@ -316,7 +310,8 @@ class Compliances(Elimination):
         slack = self.gaps_at(point) @ changes
         found = np.zeros((self.unknowns, point.size))
         if self.reshaped is not None:
-            for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
+            gaps = self.reshaped.modes @ self.reshaped.slopes_along_modes(point)
+            for axis, column in zip(self.reshaped.axes, gaps.T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
         for part, along, _compliance in stiffness.parts:
             factor = part.factored(point)
@@ -340,18 +335,16 @@ class Compliances(Elimination):
         places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
         return np.unique(np.array(places, dtype=np.int64))
 
-    def same_stiffness(self, one: np.ndarray, other: np.ndarray) -> bool:
-        """True if two points, (P,), have the same S."""
-        return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
-
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along a path: neighbours of equal stiffness share S."""
-        shared: list[tuple[np.ndarray, InterpolatedStiffness]] = []
+        shared: dict[bytes, InterpolatedStiffness] = {}
 
         def made(point: np.ndarray) -> CondensedContact:
-            if not shared or not self.same_stiffness(shared[0][0], point):
-                shared[:] = [(point, self.stiffness(point))]
-            return self(point, shared[0][1])
+            key = point[self.stiffness_axes].tobytes()
+            if key not in shared:
+                shared.clear()
+                shared[key] = self.stiffness(point)
+            return self(point, shared[key])
 
         return made
 
@@ -474,11 +467,3 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         if isinstance(self.galerkin, BlockElimination):
             return KnownForces(self.galerkin.problem, self.galerkin.amplitudes)
         return self.galerkin
-
-
-def _dense(amplitudes: Amplitudes, point: np.ndarray, terms: int) -> np.ndarray:
-    """θ as an array, (1 + T,)."""
-    theta = amplitudes(point)
-    found = np.zeros(terms)
-    found[theta.terms] = theta.values
-    return found

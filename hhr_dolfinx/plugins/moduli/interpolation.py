@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Annotated
 
 import numpy as np
-from scipy.linalg import svd
+from scipy.linalg import solve_triangular, svd
 
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
@@ -90,14 +90,10 @@ class Interpolant:
         columns = [self.weights @ (self.polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
         return np.stack(columns, axis=1)
 
-    def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Derivatives along its axes, (M, d)."""
-        return self.modes @ self.slopes_along_modes(point)
-
     @property
     def nodes(self) -> np.ndarray:
         """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
-        return self.lower + (np.array(leja_points())[self.levels] + 1) / 2 * (self.upper - self.lower)
+        return self.lower + (nodes_of(self.levels) + 1) / 2 * (self.upper - self.lower)
 
     def polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
         """All polynomials at a point, (n,), or their derivatives along one of the axes."""
@@ -138,19 +134,22 @@ def polynomials_of(levels: np.ndarray, scaled: np.ndarray) -> np.ndarray:
 
 
 def nodes_of(levels: np.ndarray) -> np.ndarray:
-    """The node in [-1, 1]^d that each polynomial adds, (n, d)."""
+    """The node in [-1, 1]^d that each polynomial adds, of the shape of the levels, (n, d)."""
     return np.array(leja_points())[levels]
+
+
+def values_between(levels: np.ndarray, known: np.ndarray, scaled: np.ndarray) -> np.ndarray:
+    """Values at places of [-1, 1]^d, (k, d), of the interpolation of those at the nodes of levels, (n, v): (k, v)."""
+    # each polynomial vanishes at the nodes before its node
+    surpluses = solve_triangular(polynomials_of(levels, nodes_of(levels)), known, lower=True)
+    return polynomials_of(levels, scaled) @ surpluses
 
 
 def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
     """Views of arrays that were stacked row by row, in their shapes followed by the other axes of ``values``."""
-    parts = []
-    first = 0
-    for shape in shapes:
-        size = math.prod(shape)
-        parts.append(values[first : first + size].reshape((*shape, *values.shape[1:])))
-        first += size
-    return parts
+    shapes = list(shapes)
+    parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes]))
+    return [part.reshape((*shape, *values.shape[1:])) for part, shape in zip(parts, shapes, strict=False)]
 
 
 @dataclass(frozen=True)
@@ -161,11 +160,6 @@ class GrownGrid:
     surplus: float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
     evaluations: int  # number of evaluations of the function
     unresolved: float = 0.0  # largest error of a cheap function that depends on the parameters as this one does
-
-    def without_modes(self) -> GrownGrid:
-        """The same without values."""
-        modes = np.zeros((0, len(self.interpolant.weights)))
-        return replace(self, interpolant=replace(self.interpolant, modes=modes))
 
 
 def grow(
@@ -193,7 +187,7 @@ def grow(
             thousands of points: a few places do not detect spikes between them. None if there is no such function.
     """
     axes, lower, upper = box
-    growing = _Growing(function, scale, box)
+    growing = _Growing(function, scale, lower, upper)
 
     def unresolved() -> float:
         return 0.0 if everywhere is None else everywhere(growing.levels)
@@ -218,30 +212,27 @@ def grow(
     return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
 
 
+@dataclass
 class _Growing:
-    """Terms of an interpolation as it grows; see :func:`grow` for its arguments."""
+    """Terms of an interpolation as it grows; see :func:`grow` for the first four."""
 
-    def __init__(
-        self,
-        function: Callable[[np.ndarray], np.ndarray],
-        scale: Callable[[np.ndarray], float],
-        box: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ):
-        axes, self._lower, self._upper = box
-        self._function = function
-        self._scale = scale
-        self._nodes = np.array(leja_points())
-        self.order: list[tuple[int, ...]] = []  # levels of the terms
-        self.surpluses: list[np.ndarray] = []  # of each term
-        self.waiting: dict[tuple[int, ...], float] = {}  # sizes of surpluses of terms whose successors are untried
-        self.ended = [0.0]  # the same of terms that no longer axis could follow
-        self._try((0,) * axes.size)
-        self.probes: list[tuple[np.ndarray, np.ndarray]] = []  # random places, and the function there
+    function: Callable[[np.ndarray], np.ndarray]
+    scale: Callable[[np.ndarray], float]
+    lower: np.ndarray
+    upper: np.ndarray
+    order: list[tuple[int, ...]] = field(default_factory=list)  # levels of the terms
+    surpluses: list[np.ndarray] = field(default_factory=list)  # of each term
+    waiting: dict[tuple[int, ...], float] = field(default_factory=dict)  # their sizes, if no successor was tried
+    ended: list[float] = field(default_factory=lambda: [0.0])  # the same of terms that no longer axis could follow
+    probes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)  # random places, and the function there
+
+    def __post_init__(self) -> None:
+        self._try((0,) * self.lower.size)
 
     @property
     def levels(self) -> np.ndarray:
         """Levels of the terms, (n, d)."""
-        return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self._lower))
+        return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self.lower))
 
     def next(self) -> tuple[int, ...]:
         """The next term: first the levels that are always included, then the term of the largest surplus."""
@@ -274,27 +265,24 @@ class _Growing:
 
     def off(self) -> float:
         """Largest error at random places: a term that vanishes at its node hides its successors."""
-        if not self.probes and len(self._lower):
-            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self._lower)))
+        if not self.probes and len(self.lower):
+            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self.lower)))
             self.probes = [(place, self._at(place)) for place in places]
-        return max((self._scale(self._left(value, place)) for place, value in self.probes), default=0.0)
+        return max((self.scale(self._left(value, place)) for place, value in self.probes), default=0.0)
 
     def _try(self, levels: tuple[int, ...]) -> None:
-        place = self._nodes[list(levels)]
+        place = nodes_of(np.array(levels, dtype=np.int64))
         surplus = self._left(self._at(place), place)
         self.order.append(levels)
         self.surpluses.append(surplus)
-        self.waiting[levels] = self._scale(surplus)
+        self.waiting[levels] = self.scale(surplus)
 
     def _at(self, place: np.ndarray) -> np.ndarray:
-        return self._function(self._lower + (place + 1) / 2 * (self._upper - self._lower))
+        return self.function(self.lower + (place + 1) / 2 * (self.upper - self.lower))
 
     def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Residual of a value after all terms."""
-        factors = np.ones(len(self.order))
-        levels = np.array(self.order, dtype=np.int64).reshape(factors.size, place.size)
-        for x, along in zip(place.tolist(), levels.T, strict=True):
-            factors *= _one_dimensional(x, *_bases_up_to(MOST_LEVELS - 1))[0][along]
+        factors = polynomials_of(self.levels, place[None])[0]
         for k in np.flatnonzero(factors):
             value = value - factors[k] * self.surpluses[k]
         return value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,9 +10,9 @@ import numpy as np
 from scipy.linalg import LinAlgError, eigh
 from scipy.linalg.lapack import dgetrs
 
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.block import Block, BlockElimination, factored
-from hhr_dolfinx.models.eliminations.projected import ReducedTerms
 
 SYMMETRIC = 1e-10
 """Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
@@ -39,7 +40,7 @@ class KnownForces(BlockElimination):
         if None in self._diagonal:
             return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
         theta = dense(self.amplitudes.of_many(points))
-        weights = many_weights(self._terms, points)
+        weights = many_weights(self._terms.moduli, points)
         loads = theta @ self._forces.T
         if self._lifts is not None:
             for part, lift in zip(weights.T, self._lifts, strict=True):
@@ -48,7 +49,7 @@ class KnownForces(BlockElimination):
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
             assert diagonal is not None
             right = loads[:, block.modes] - forces @ block.test.T
-            found[:, block.modes] = diagonal.many_solved(weights[:, block.parts], right)
+            found[:, block.modes] = diagonal.solved(weights[:, block.parts], right)
         return found
 
     @cached_property
@@ -88,14 +89,10 @@ class DiagonalBlock:
         return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
 
     def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times a right-hand side, (k,), for weights of the parts, (q,)."""
-        return self.modes @ ((right @ self.modes) / (weights @ self.entries))
-
-    def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
+        """K~^-1 times right-hand sides, (k,) or (n, k), each with its weights of the parts, (q,) or (n, q)."""
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 
-def many_weights(terms: ReducedTerms, points: np.ndarray) -> np.ndarray:
-    """Weights of the parts of K~ at many points, (n, P): (n, Q)."""
-    return np.stack([modulus.values(points) for modulus in terms.moduli], axis=1)
+def many_weights(moduli: Sequence[Modulus], points: np.ndarray) -> np.ndarray:
+    """Weights of the parts of a stiffness at many points, (n, P): (n, Q)."""
+    return np.stack([modulus.values(points) for modulus in moduli], axis=1)

@@ -160,10 +160,8 @@ class VaryingBound(Rebuilt):
         if not isinstance(whole, ReducedProblem):
             found = [_field(whole(point), *given) for point, *given in zip(points, unknown, theta, strict=True)]
             return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
-        if whole.terms is None:
-            energies = np.sum(unknown @ whole.stiffness * unknown, axis=1)
-            return energies, np.sum(theta @ whole.loads.T * unknown, axis=1), unknown @ whole.contact_trial.T
-        weights = many_weights(whole.terms, points)
+        assert whole.terms is not None
+        weights = many_weights(whole.terms.moduli, points)
         energies = np.zeros(len(points))
         for block in self._blocks:
             own = unknown[:, block.modes]
@@ -221,31 +219,11 @@ class VaryingThere(NamedTuple):
         return self.response[0].outside(*outside).changes(forces, gradient.multipliers, fixed)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
-        """See :class:`BoundThere`."""
-        inexact = self.owner.inexact
-        own, loaded, pressed = self.owner.fields(unknown, self.found.points, self.found.theta)
-
-        def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            pulled = loaded - np.sum(better * pressed, axis=1)
-            energies = self._energies(better)
-            noise = inexact * energies.homogeneous + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
-            left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
-            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
-
-        return self._bounded(forces, slack, fields)
-
-    def _bounded(
-        self,
-        forces: np.ndarray,
-        slack: Callable[[], np.ndarray],
-        fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
-    ) -> Estimates:
-        """Bounds of displacements and forces, for forces >= 0, (n, m).
+        """See :class:`BoundThere`, for forces >= 0.
 
         The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and the
         error of S, δ in the S norm: errors are differences from them. A remaining error e has |e| <= |L^-1| δ and
-        |e_i| <= (S^-1)_ii^1/2 δ. ``fields`` maps forces to the energy norms of the differences of the fields from
-        those in equilibrium with the forces, of the fields, and of those in equilibrium, (n,) each.
+        |e_i| <= (S^-1)_ii^1/2 δ.
         """
         response = self.response
         inexact = self.owner.inexact
@@ -253,7 +231,7 @@ class VaryingThere(NamedTuple):
         product = response.schur_times(forces)
         better, less, nearer = response.settled(forces, self.found.free_slack, product)
         off = forces - better
-        unbalanced, size, balanced = fields(better)
+        unbalanced, size, balanced = self._norms(unknown, better)
         # one product for many rows: each call has an overhead
         one = np.array((forces, better, off, off, better))
         other = np.array((product, less, product - less, off, better))
@@ -274,6 +252,15 @@ class VaryingThere(NamedTuple):
         least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
         primal = (primal + ROUND_OFF * size + noise) * wider
         return estimates_of(self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least)))
+
+    def _norms(self, unknown: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy norms of V γ less fields in equilibrium with forces, and of these with and without the lift, (n,)."""
+        own, loaded, pressed = self.owner.fields(unknown, self.found.points, self.found.theta)
+        pulled = loaded - np.sum(forces * pressed, axis=1)
+        energies = self._energies(forces)
+        noise = self.owner.inexact * energies.homogeneous + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
+        left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
+        return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Energies of the fields in equilibrium with forces, (n, m)."""

@@ -203,22 +203,11 @@ def _straight_sag(surface: Surface) -> float:
 
 
 def parted(facet_nodes: np.ndarray, inner_points: np.ndarray) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
-    """Flat parts of facets, (F, K), with a point behind each, and the facets."""
-    flat = flat_parts(facet_nodes)
+    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside, and the facets."""
+    count = facet_nodes.shape[1]
+    flat = facet_nodes[:, np.array(PARTS[count])].reshape(-1, CORNERS[count])
     quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
     return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
-
-
-def flat_parts(nodes: np.ndarray) -> np.ndarray:
-    """Nodes of the flat parts of facets with nodes (f, K), facet by facet, (parts f, k)."""
-    return nodes[:, np.array(PARTS[nodes.shape[1]])].reshape(-1, CORNERS[nodes.shape[1]])
-
-
-def linear(local: np.ndarray, count: int) -> np.ndarray:
-    """Shape functions of first order, (q, k), at reference coordinates, (q, 1) or (q, 2)."""
-    if count == 2:
-        return np.column_stack([1 - local[:, 0], local[:, 0]])
-    return shape_functions(local, count)[0]
 
 
 def quadratic(local: np.ndarray, count: int) -> np.ndarray:
@@ -226,7 +215,7 @@ def quadratic(local: np.ndarray, count: int) -> np.ndarray:
     if count == 3:
         return _on_line(local[:, 0])
     if count == 6:
-        first, second, third = linear(local, 3).T
+        first, second, third = shape_functions(local, 3)[0].T
         corners = [one * (2 * one - 1) for one in (first, second, third)]
         return np.column_stack([*corners, 4 * second * third, 4 * first * third, 4 * first * second])
     x, y = _on_line(local[:, 0]), _on_line(local[:, 1])
@@ -245,16 +234,17 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 @cache
 def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
-    ends, weights = np.polynomial.legendre.leggauss(POINTS)
-    x, w = (ends + 1) / 2, weights / 2
-    local = x[:, None]
-    weights = w
+    ends, sizes = np.polynomial.legendre.leggauss(POINTS)
+    local = (ends[:, None] + 1) / 2
+    weights = sizes / 2
     if count != 3:
-        first, second = (item.ravel() for item in np.meshgrid(x, x, indexing="ij"))
-        local, weights = np.column_stack([first, second]), np.outer(w, w).ravel()
+        first, second = (item.ravel() for item in np.meshgrid(local, local, indexing="ij"))
+        local = np.column_stack([first, second])
+        weights = np.outer(weights, weights).ravel()
     if count == 6:  # a square folded to a triangle
-        local, weights = np.column_stack([first * (1 - second), second]), weights * (1 - second)
-    values = linear(local, len(part))
+        local[:, 0] *= 1 - second
+        weights *= 1 - second
+    values = np.hstack([1 - local, local]) if count == 3 else shape_functions(local, len(part))[0]
     there = values @ PLACES[count][list(part)]
     steps = np.eye(there.shape[1]) * 0.5
     # central differences are exact for parabolas

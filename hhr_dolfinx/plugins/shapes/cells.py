@@ -17,14 +17,10 @@ from hhr_dolfinx.plugins.shapes.shape import Shape
 
 @dataclass(frozen=True)
 class Middles:
-    """Nodes at the mean of others, wherever these lie.
+    """Nodes at the mean of others, wherever these lie."""
 
-    Attributes:
-        nodes: their numbers, (h,).
-        between: nodes whose mean each is, (h, k); a node may repeat, and each entry weighs 1 / k.
-    """
-
-    nodes: Annotated[Integers, "middles"]
+    nodes: Annotated[Integers, "middles"]  # their numbers, (h,)
+    # nodes whose mean each is, (h, k); a node may repeat, and each entry weighs 1 / k
     between: Annotated[Integers, "middles", "weights"]
 
     def placed(self, points: np.ndarray) -> np.ndarray:
@@ -39,19 +35,12 @@ class Middles:
 
 
 class CellStrain(NamedTuple):
-    """Strain of fields on cells with given nodes; multiplies values at their nodes like a matrix.
+    """Strain of fields on cells with given nodes; multiplies values at their nodes like a matrix."""
 
-    Attributes:
-        cells: nodes of each, (c, k).
-        gradients: of the shape functions at the midpoints, (c, dim, k).
-        hoop: shape functions over the radius, (c, k); None outside axisymmetry.
-        dilatation: mean contribution of each dof to the trace, (c, k, dim); None for the trace at the midpoint.
-    """
-
-    cells: np.ndarray
-    gradients: np.ndarray
-    hoop: np.ndarray | None
-    dilatation: np.ndarray | None
+    cells: np.ndarray  # nodes of each, (c, k)
+    gradients: np.ndarray  # of the shape functions at the midpoints, (c, dim, k)
+    hoop: np.ndarray | None  # shape functions over the radius, (c, k); None outside axisymmetry
+    dilatation: np.ndarray | None  # mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
         """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim, ...)."""
@@ -77,37 +66,22 @@ class CellStrain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingCells:
-    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells there.
+    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells there."""
 
-    Attributes:
-        shapes: of the scene that move any of its nodes.
-        moved: nodes that each shape moves, (n,) bool.
-        coordinates: names of the coordinates in their formulas.
-        parameters: names of the parameters.
-        middles: nodes that stay at the midpoint of others, by their indices among these.
-        points: the nodes as the mesh of the scene has them, (n, dim).
-        nodes: their numbers in the mesh, (n,).
-        cells: indices of the nodes of each cell among these, (c, k).
-        values, slopes: of the shape functions at the midpoint of the reference cell, (k,) and (k, dim).
-        weights: of the points where the dilatation is evaluated, (q,); empty for the midpoint.
-        gauss_values, gauss_slopes: of the shape functions there, (q, k) and (q, k, dim).
-        axisymmetric: whether the first coordinate is a radius.
-    """
-
-    shapes: tuple[Shape, ...]
-    moved: tuple[Annotated[Booleans, "nodes"], ...]
-    coordinates: tuple[str, ...]
-    parameters: tuple[str, ...]
-    middles: Middles
-    points: Annotated[Floats, "nodes", "dim"]
-    nodes: Annotated[Integers, "nodes"]
-    cells: Annotated[Integers, "cells", "nodes of a cell", "< nodes"]
-    values: Annotated[Floats, "nodes of a cell"]
-    slopes: Annotated[Floats, "nodes of a cell", "dim"]
-    weights: Annotated[Floats, "points"]
-    gauss_values: Annotated[Floats, "points", "nodes of a cell"]
-    gauss_slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]
-    axisymmetric: bool
+    shapes: tuple[Shape, ...]  # of the scene that move any of its nodes
+    moved: tuple[Annotated[Booleans, "nodes"], ...]  # nodes that each shape moves, (n,)
+    coordinates: tuple[str, ...]  # names of the coordinates in their formulas
+    parameters: tuple[str, ...]  # names of the parameters
+    middles: Middles  # nodes that stay at the midpoint of others, by their indices among these
+    points: Annotated[Floats, "nodes", "dim"]  # the nodes as the mesh of the scene has them, (n, dim)
+    nodes: Annotated[Integers, "nodes"]  # their numbers in the mesh, (n,)
+    cells: Annotated[Integers, "cells", "nodes of a cell", "< nodes"]  # indices of their nodes among these, (c, k)
+    values: Annotated[Floats, "nodes of a cell"]  # of the shape functions at the midpoint of the reference cell, (k,)
+    slopes: Annotated[Floats, "nodes of a cell", "dim"]  # their derivatives there, (k, dim)
+    weights: Annotated[Floats, "points"]  # of the points where the dilatation is evaluated, (q,); empty: the midpoint
+    gauss_values: Annotated[Floats, "points", "nodes of a cell"]  # of the shape functions there, (q, k), and the next
+    gauss_slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]  # their derivatives there, (q, k, dim)
+    axisymmetric: bool  # the first coordinate is a radius
 
     @property
     def dofs(self) -> np.ndarray:

@@ -24,21 +24,15 @@ from hhr_dolfinx.plugins.stress.kinds import Mises
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
-
-
 DIFFERENCE = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""
 
 
 @dataclass(frozen=True, eq=False)
 class MovingMises(Mises):
-    """Von Mises' stress of cells whose shape depends on parameters.
+    """Von Mises' stress of cells whose shape depends on parameters."""
 
-    Attributes:
-        cells: from which a model computes its rows.
-    """
-
-    cells: MovingCells
+    cells: MovingCells  # from which a model computes its rows
 
 
 class OverShapes(AllOutputs):
@@ -46,12 +40,9 @@ class OverShapes(AllOutputs):
 
     Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the displacement, or its
     components in a basis; and ``coordinate_changes``, derivatives of all contact forces and of these.
-
-    Attributes:
-        parameters: the box of the parameters.
     """
 
-    parameters: ParameterSpace
+    parameters: ParameterSpace  # the box of the parameters
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
@@ -148,6 +139,5 @@ class ReshapedFunctionals(OverShapes):
 def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
     """A copy with other arrays that keeps the parsed formulas: parsing takes a millisecond."""
     found = copy(item)
-    for name, value in change.items():
-        object.__setattr__(found, name, value)
+    vars(found).update(change)
     return found

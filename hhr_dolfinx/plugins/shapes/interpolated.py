@@ -28,10 +28,8 @@ def reshaped_functionals(
 ) -> ReshapedFunctionals:
     """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`.
-
-    Raises:
-        SceneError: for an output with other conditions, or arrays of other lengths, on other shapes.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`. SceneError for an
+    output with other conditions, or arrays of other lengths, on other shapes.
     """
     lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
     columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])

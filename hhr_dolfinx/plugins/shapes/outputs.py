@@ -27,16 +27,8 @@ SHAPES = 8
 class FullShapeFunctionals(OverShapes):
     """Outputs of a full model with variable shape, prepared on the mesh at a point.
 
-    See :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`.
-
-    Args:
-        discretisation: mesh and forms.
-        reshaped: deforms the mesh.
-        moving: makes its cells, by their numbers and whether they have the mean dilatation.
-        problem: that of the middle of the box.
-
-    Raises:
-        SceneError: for an output that the model does not support.
+    See :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`. ``moving`` as of :class:`MovingProbe`, the
+    problem that of the middle of the box. SceneError for an output that the model does not support.
     """
 
     def __init__(self, discretisation: DiscreteSpace, reshaped: Reshaping, moving: MakeCells, problem: ContactProblem):
@@ -70,13 +62,11 @@ class FullShapeFunctionals(OverShapes):
 
 @dataclass(frozen=True)
 class MovingProbe(ModelProbe):
-    """Interface for an output where shapes are parameters: other terms of θ may act on another shape, and cells move.
+    """Interface for an output if shapes are parameters: other terms of θ may act on another shape, and cells move."""
 
-    Attributes:
-        moving: makes cells, by their numbers and whether they have the mean dilatation.
-    """
-
-    moving: MakeCells
+    moving: Callable[
+        [np.ndarray, bool], MovingCells
+    ]  # makes cells, by their numbers and whether they have the mean dilatation
 
     def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
         """Von Mises' stress of cells that move."""

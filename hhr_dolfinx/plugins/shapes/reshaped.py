@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -23,10 +23,6 @@ from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 from hhr_dolfinx.plugins.shapes.system import ReassembledSystem
 from hhr_dolfinx.warn import ignored
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
-    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
-
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
 MOST_BYTES = 5e8
@@ -38,18 +34,13 @@ TRIED = 32
 class Reshaped:
     """Deforms the mesh of a scene and assembles its problem again; serial.
 
-    Args:
-        discretisation: owner of the mesh; outside of evaluations the mesh has the shape of the middle of the box.
-
-    Attributes:
-        axes: indices of the parameters of shapes.
-        described: all expressions, for fingerprints.
-        reference: coordinates of the nodes of the geometry in the mesh of the scene, (nodes, 3).
-        nodes: numbers of the nodes that each shape moves.
-
-    Raises:
-        SceneError: for maps that tear bodies apart or invert cells somewhere in the parameter range.
+    See :class:`~hhr_dolfinx.contact.problem.Reshaping`. The discretisation owns the mesh, which has the shape of the
+    middle of the box outside of evaluations. SceneError for maps that tear bodies apart or invert cells somewhere in
+    the parameter range.
     """
+
+    system = staticmethod(ReassembledSystem)
+    interpolated_outputs = staticmethod(reshaped_functionals)
 
     def __init__(self, discretisation: Any):
         scene = discretisation.scene
@@ -65,7 +56,8 @@ class Reshaped:
         )
         mesh = discretisation.mesh
         self._cells = compat.geometry_dofmap(mesh)
-        self.reference = mesh.geometry.x.copy()
+        self.reference = mesh.geometry.x.copy()  # of the nodes of the geometry in the mesh of the scene, (nodes, 3)
+        # numbers of the nodes that each shape moves
         self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
         self._check_box()
         self._middle = scene.parameters.middle
@@ -159,8 +151,7 @@ class Reshaped:
     def __call__(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point, (P,), its conditions in the order of the base problem.
 
-        Raises:
-            ShapeError: if other nodes are in contact there, or the boundary of a partial pressure is displaced.
+        ShapeError if other nodes are in contact there, or the boundary of a partial pressure is displaced.
         """
         return self._kept(point[list(self.axes)].tobytes())
 
@@ -172,19 +163,9 @@ class Reshaped:
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
 
-    def system(self, problem: ContactProblem, *makers: Any) -> ReassembledSystem:
-        """The system of the base problem."""
-        return ReassembledSystem(problem, *makers)
-
     def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
         return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
-
-    def interpolated_outputs(
-        self, prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
-    ) -> ReshapedFunctionals:
-        """These outputs interpolated between shapes, see :func:`reshaped_functionals`."""
-        return reshaped_functionals(prepared, problem, basis, settings)
 
     def _assembled(self, key: bytes) -> ContactProblem:
         """The problem for a shape; no other parameter changes it."""
@@ -217,16 +198,8 @@ class Reshaped:
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
-        rows = (
-            "contact",
-            "whole_contact",
-            "gaps",
-            "contact_slaves",
-            "contact_pairs",
-            "contact_points",
-            "contact_areas",
-        )
-        ordered = {name: getattr(problem, name)[order] for name in rows}
+        rows = "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
+        ordered = {name: getattr(problem, name)[order] for name in rows.split()}
         return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])})
 
     def _check_box(self) -> None:

@@ -177,32 +177,13 @@ def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.
             else:
                 given = np.empty((block.stop - block.start, places.size - block.start))
                 comm.Recv(given, rank)
-            _add(total, places, block, given)
+            total[np.ix_(places[block], places[block.start :])] += given
     return total
 
 
 def _blocks(count: int) -> list[slice]:
     height = max(SENT // max(count, 1), 1)
     return [slice(first, min(first + height, count)) for first in range(0, count, height)]
-
-
-def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray) -> None:
-    """Add rows of a triangle, from the diagonal on, at the indices ``places``, by runs of consecutive indices."""
-    runs = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) != 1) + 1)
-    for one in runs:
-        rows = one[(one >= block.start) & (one < block.stop)]
-        if not rows.size:
-            continue
-        for other in runs:
-            columns = other[other >= block.start]
-            if not columns.size or columns[-1] < rows[0]:
-                continue
-            here = total[_span(places[rows]), _span(places[columns])]
-            here += given[_span(rows - block.start), _span(columns - block.start)]
-
-
-def _span(numbers: np.ndarray) -> slice:
-    return slice(int(numbers[0]), int(numbers[-1]) + 1)
 
 
 class DenseFactors:

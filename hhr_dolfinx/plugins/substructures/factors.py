@@ -85,13 +85,14 @@ class Substructures:
 
     def _left(self, part: Part) -> np.ndarray | None:
         """Schur complement on a part of the border, on and above the diagonal; None off its owner. Collective."""
-        holder = next((inside for inside in self._insides if inside.reaches(part)), None)
-        if holder is None:
-            total = gathered(part, np.zeros(0, dtype=np.int64), np.zeros((0, 0)), self._comm)
+        for inside in self._insides:
+            here = slice(*np.searchsorted(inside.reach, (part.rows.start, part.rows.stop)))
+            if here.start < here.stop:
+                with inside.factors.left() as left:
+                    total = gathered(part, inside.reach[here] - part.rows.start, left[here, here], self._comm)
+                break
         else:
-            here = slice(*np.searchsorted(holder.reach, (part.rows.start, part.rows.stop)))
-            with holder.factors.left() as left:
-                total = gathered(part, holder.reach[here] - part.rows.start, left[here, here], self._comm)
+            total = gathered(part, np.zeros(0, dtype=np.int64), np.zeros((0, 0)), self._comm)
         rows = np.repeat(self._at, np.diff(self._among.rows)) - part.rows.start
         columns = self._among.columns - part.rows.start
         upper = (rows >= 0) & (rows < part.size) & (rows <= columns)
@@ -197,10 +198,6 @@ class _Inside:
             self._pattern, values, prefix, "mumps", MPI.COMM_SELF, low_rank=low_rank, last=last, inverted=False
         )
         self.possible = last is None or self.factors.last is not None
-
-    def reaches(self, part: Part) -> bool:
-        """True if the interior is coupled with a part of the border."""
-        return bool(((self.reach >= part.rows.start) & (self.reach < part.rows.stop)).any())
 
     def replace(self, values: np.ndarray) -> None:
         """Set the values that are factored next."""

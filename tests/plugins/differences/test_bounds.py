@@ -6,8 +6,6 @@ import dolfinx
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-import sphere_on_block
-from kept_values import array, rewrite_model
 from needs import needs, present
 from scenes import THESIS, block_scene, pressed_pair, slope, space
 from test_outputs import small_pellet
@@ -16,7 +14,7 @@ from tubes import tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
+from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.plugins.differences import contact_response
 from hhr_dolfinx.plugins.differences.offline import energy_coordinates, exact_difference, leading
@@ -83,12 +81,6 @@ def few(full, sampling, **recipe):
     """A model of few answers."""
     snapshots = hhr.compute_snapshots(full, sampling.points(full.parameters))
     return hhr.build(full, snapshots, hhr.Recipe(**recipe).as_it_is())
-
-
-@needs("mortar")
-def test_sphere():
-    full = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(8, 4), block_cells=(6, 4)))
-    check_norms(check(full, few(full, hhr.LatinHypercube(8)), full.parameters.random(20, 11)), (1, 2, 3))
 
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
@@ -192,13 +184,6 @@ def test_the_full_model_must_be_that_of_the_scene(hertz, hertz_reduction):
     one, other = (blocks(loads=(hhr.Pressure(FLANK, slope("load", size)),)) for size in (1.0, 5.0))
     with pytest.raises(ReductionError, match="another scene"):
         hhr.FallbackModel(few(one, hhr.Sobol(8)), other, 0.01)
-
-
-def test_loads_of_an_estimate_that_cannot_be(hertz_reduction, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", hertz_reduction)
-    rewrite_model(tmp_path / "model.npz", array("fields.bound.loads", lambda a: a[:3]))
-    with pytest.raises(ModelFileError, match="not one more than another"):
-        hhr.load_model(tmp_path / "model.npz")
 
 
 def test_bodies_that_move_far_and_deform_little():

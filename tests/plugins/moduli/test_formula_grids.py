@@ -10,13 +10,19 @@ from scipy.interpolate import BarycentricInterpolator
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.formulas import Modulus, Scalar, check_over_box
-from hhr_dolfinx.plugins.moduli.interpolate import FormulaGrid
-from hhr_dolfinx.plugins.moduli.interpolation import leja_points, nodes_of
-from hhr_dolfinx.plugins.moduli.proved import PartStiffness, lagrange
+from hhr_dolfinx.plugins.moduli.interpolate import FormulaGrid, Part
+from hhr_dolfinx.plugins.moduli.interpolation import nodes_of
+from hhr_dolfinx.plugins.moduli.proved import PartStiffness
 
 SPIKE = "0.25 + 0.2 * exp(-((t - 0.613) / 0.0015)**2)"
 """A Poisson's ratio that rises to 0.45 on 0.3 % of the box, between all nodes and all training points."""
 SPACE = hhr.ParameterSpace(("other", "t"), (5.0, 0.0), (7.0, 1.0))
+
+
+def part_of(modulus, factor, axis):
+    """A part of one modulus whose grid is over one parameter."""
+    none = np.zeros(0, dtype=np.int64)
+    return Part(none, none, none, factor, np.array([axis]), (modulus,))
 
 
 def training(poisson):
@@ -32,7 +38,7 @@ def spiked():
 @pytest.mark.parametrize("levels", [2, 5, 9])
 def test_one_modulus_is_held_against_its_inverse(levels):
     """The same error by polynomials through the nodes, and a factor that the grid leaves out."""
-    modulus, axes = Modulus("2 + t", "1 + 3 * t**2", SPACE.names), np.array([1])
+    modulus = Modulus("2 + t", "1 + 3 * t**2", SPACE.names)
     numbers = np.arange(levels)[:, None]
     x = (nodes_of(numbers)[:, 0] + 1) / 2
     places = np.linspace(0, 1, 2001)
@@ -40,26 +46,17 @@ def test_one_modulus_is_held_against_its_inverse(levels):
         inverse = lambda t, left=factor is None: 1 / ((1 + 3 * t**2) * ((2 + t) if left else 1.0))  # noqa: E731
         exact = inverse(places)
         expected = np.abs(BarycentricInterpolator(x, inverse(x))(places) - exact).max() / exact.max()
-        assert FormulaGrid((modulus,), factor, axes, SPACE).error(numbers) == pytest.approx(expected, rel=1e-6)
+        assert FormulaGrid(part_of(modulus, factor, 1), SPACE).error(numbers) == pytest.approx(expected, rel=1e-6)
     # along what no formula depends on one node is enough
-    assert FormulaGrid((modulus,), None, np.array([0]), SPACE).error(np.array([[0]])) == 0.0
-
-
-@pytest.mark.parametrize("count", [2, 5, 40])
-def test_polynomials_of_nodes_are_those_of_scipy(count):
-    """At the nodes too, where the quotient is none, and far from the unit interval."""
-    nodes = 3e5 + 1e5 * np.array(leja_points()[:count])
-    places = np.append(np.linspace(2e5, 4e5, 101), nodes)
-    expected = BarycentricInterpolator(nodes, np.eye(count))(places)
-    assert np.abs(lagrange(nodes, places) - expected).max() < 1e-12
-    assert np.array_equal(lagrange(nodes, nodes), np.eye(count))
+    assert FormulaGrid(part_of(modulus, None, 0), SPACE).error(np.array([[0]])) == 0.0
 
 
 def test_an_error_is_the_same_number_each_time():
     """Nodes in an order drawn anew changed its last bits in each run, and with them bounds by a part in 1e7."""
     modulus = Modulus("2 + t", "1 + 3 * t**2", SPACE.names)
-    part = PartStiffness([modulus], None, 1, 0.0, 1.0, np.array([0.5, 0.5]), False)
-    assert len({part.error(9) for _ in range(20)}) == 1 and 0 < part.error(9) < 1e-3
+    part = part_of(modulus, None, 1)
+    assert len({PartStiffness(part, SPACE, False).error(9) for _ in range(20)}) == 1
+    assert 0 < PartStiffness(part, SPACE, False).error(9) < 1e-3
 
 
 def test_a_spike_between_all_nodes_is_said(spiked):
@@ -99,10 +96,3 @@ def test_a_spike_beyond_one_half_is_refused():
     scalar = Scalar("0.25 + 0.3 * exp(-((t - 0.613) / 0.0015)**2)", SPACE.names)
     with pytest.raises(SceneError, match=r"is 0.5\d* at other = 6, t = 0.61"):
         check_over_box(scalar, SPACE, "nu", -1.0, 0.5, "narrow the box")
-
-
-def test_many_values_are_those_of_single_points():
-    points = SPACE.random(50, 0)
-    for text in ("2 * t", "3.5", "table(t, 0, 1, 0.5, 4, 1, 2) * other**0.5", "max(t, 0.3) - abs(t - 0.5)"):
-        scalar = Scalar(text, SPACE.names)
-        assert np.array_equal(scalar.values(points), [scalar.value(point) for point in points])

@@ -6,14 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-import your_scene
 from mpi4py import MPI
 from needs import needs
 from scenes import block_scene, check_alike, output_slopes, pair_scene, pressed_pair, slope
 from scipy.linalg import eigvalsh
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, NoBoundWarning, NotSolvableError, SceneWarning
+from hhr_dolfinx.errors import BoundError, NoBoundWarning, SceneWarning
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, interpolated, least_response
 from hhr_dolfinx.plugins.moduli.bounding import _check_resolved, _round_off, varying_bound
@@ -109,6 +108,8 @@ def test_no_error_exceeds_its_bound(varying):
     off = (moved > 1e-3 * field) & (pushed > 1e-3 * forces)
     assert off.sum() > 10
     assert np.median(primal[off] / moved[off]) < 1.2 > np.median(dual[off] / pushed[off])
+    # relative ones are over the energy of the exact field, less its error
+    assert primal_relative == pytest.approx(primal / (field - primal), rel=1e-6)
 
 
 @needs("nonmatching", "shapes")
@@ -139,23 +140,6 @@ def test_what_is_proved_of_the_interpolation_holds():
     for point in full.parameters.random(5, 0):
         schur, _ = schur_at(full, point)
         assert np.abs(eigvalsh(bound.compliances(point).schur - schur, schur)).max() <= bound.inexact + 1e-11
-
-
-def test_an_energy_is_that_of_the_field_in_equilibrium(varying):
-    training, model, _ = varying
-    full, bound = training.full_order, model.fields.bound
-    rng = np.random.default_rng(0)
-    for point in full.parameters.random(3, 5):
-        problem = full.problem.at(point)
-        forces = rng.uniform(0, 1e-2, len(problem.gaps))
-        found = bound.at(point[None], bound.compliances.amplitudes(point))._energies(forces[None])
-        theta, free = problem.theta(point), problem.free
-        pulled = problem.loads @ theta - problem.contact.T @ forces
-        field = np.zeros(free.size)
-        field[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), pulled[free])
-        whole = field + problem.lifts @ theta
-        assert found.homogeneous == pytest.approx(field @ (problem.stiffness @ field), rel=1e-7)
-        assert found.size == pytest.approx(whole @ (problem.stiffness @ whole), rel=1e-7)
 
 
 def test_forces_outside_the_domain_close_their_gaps(varying):
@@ -268,22 +252,6 @@ def test_outputs_of_forces_have_derivatives(varying):
     assert np.abs(off * sizes).max() < 1e-5 * abs(found["force"])
 
 
-@needs("nonmatching")
-def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
-    """Young's modulus of the roller alone varies: nothing is interpolated, though S of the spring is soft (1e-7)."""
-    scene = your_scene.scene()
-    spring, roller, stop = scene.bodies
-    parameters = hhr.ParameterSpace(("travel", "lowered", "E"), (0.05, 0.0, 2000.0), (1.0, 0.3, 4000.0))
-    bodies = (spring, dataclasses.replace(roller, young="E"), stop)
-    full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies, parameters=parameters))
-    model = hhr.train(full.scene, hhr.Sobol(4), held_out=0).condense()
-    for point in parameters.random(10, seed=5):
-        answer, exact = model.solve(point), full.solve(point)
-        error = answer.estimate()
-        assert error.kind == "bound" and error.dual_relative < 1e-5  # 3e-6: the root of the energy of that round-off
-        assert np.linalg.norm(answer.forces() - exact.forces()) <= error.forces_euclid
-
-
 def strip(length):
     """A strip over a floor, clamped at its left end and pressed down, whose modulus is a parameter."""
     floor, press = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.001), slope("push", 1e-5)
@@ -325,24 +293,6 @@ def test_a_wall_far_away_leaves_bounds_sharp():
         off = np.linalg.norm(answer.forces() - training.full_order.solve(point).forces())
         # 1.001 in the median, 1.013 at most: of errors of 4e-6 what is added for round-off is seen
         assert off <= answer.estimate().forces_euclid < 1.05 * off
-
-
-@pytest.mark.parametrize("young", [
-    "E1 + 1e-30 / (E1 - 2.3456)", "E1 * min(1, 1e6 * abs(E1 - 2.3456))",
-    "E1 * (1 + 0 * sqrt(1e6 * abs(E1 - 2.3456) - 0.5))", "E1 * min(1, 1e6 * abs(E1 - 2.3456) - 3)",
-])  # fmt: skip
-def test_a_modulus_that_is_none_at_one_row_has_no_answer_there(young):
-    """Infinite, zero, no number and negative, in a spike that no check of the box sees; other rows have theirs."""
-    scene = pressed_pair("plane_strain", ((young, 0.3), ("E2", "nu2")), {key: ALL[key] for key in ("E1", "E2", "nu2")})
-    model = hhr.train(scene, hhr.Sobol(8), held_out=0).condense()
-    points = model.parameters.random(4, 1)
-    points[2, model.parameters.names.index("E1")] = 2.3456
-    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
-    assert many.converged.tolist() == [True, True, False, True]
-    assert np.isfinite(many.estimates().pressure).tolist() == [True, True, False, True]
-    assert not model.solve(points[2], raise_on_failure=False, outside="ignore").converged
-    with pytest.raises(NotSolvableError, match="must be positive"):
-        model.solve_many(points, outside="ignore")
 
 
 def beside(push):

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mpi4py import MPI
 
 from hhr_dolfinx.geometries.partition import shares
-from hhr_dolfinx.plugins.substructures.border import DenseFactors, _add, _blocks, _cover, _owners
+from hhr_dolfinx.plugins.substructures import border
+from hhr_dolfinx.plugins.substructures.border import DenseFactors, _cover, _owners
 
 EDGES = st.lists(st.tuples(st.integers(0, 5), st.integers(10, 15)), max_size=14)
 
@@ -69,15 +71,11 @@ def test_work_of_ranks_differs_by_no_more_than_a_part():
 
 def test_triangles_are_added_where_they_belong(monkeypatch):
     """In blocks of rows, at places that are not all neighbours; what is below the diagonal does not count."""
-    monkeypatch.setattr("hhr_dolfinx.plugins.substructures.border.SENT", 12)
-    rng = np.random.default_rng(0)
+    monkeypatch.setattr(border, "SENT", 12)
     places = np.array([0, 1, 2, 5, 6, 9])
-    left = rng.standard_normal((6, 6))
-    total = np.zeros((10, 10))
-    blocks = _blocks(6)
-    assert len(blocks) == 3
-    for rows in blocks:
-        _add(total, places, rows, left[rows, rows.start :])
+    left = np.random.default_rng(0).standard_normal((6, 6))
+    assert len(border._blocks(6)) == 3
+    total = border.gathered(border.Part(slice(0, 10), 0, 0), places, left, MPI.COMM_SELF)
     expected = np.zeros((10, 10))
     expected[np.ix_(places, places)] = np.triu(left)
     np.testing.assert_array_equal(np.triu(total), expected)

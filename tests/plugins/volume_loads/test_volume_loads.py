@@ -277,6 +277,10 @@ def test_on_two_ranks():
     assert launch(2, ["-c", program]).count("all is well") == 2
 
 
+def turning_about(hypothesis, *axis):
+    return hhr.FullOrderModel(alone(hypothesis, (hhr.Centrifugal(block.SOLID, "T", *axis),)))
+
+
 SKEW = ((0, 1, 0), (0, 0, 0), (0, 0, 0))
 
 
@@ -296,6 +300,8 @@ SKEW = ((0, 1, 0), (0, 0, 0), (0, 0, 0))
         (lambda: hhr.ThermalExpansion(1, None, 3.0), "expansion of the thermal expansion of body 1 = None"),
         (lambda: hhr.ThermalExpansion(1, 1.0, "exit()"), "temperature of the thermal expansion of body 1.*'exit'"),
         (lambda: hhr.PartialPressure(1, "2 * p", "h"), "must be a finite number or an Amplitude"),
+        (lambda: turning_about("solid"), "needs an axis_direction of 3 components"),
+        (lambda: turning_about("axisymmetric", (1.0, 0.0)), "the axis of an axisymmetric scene is at r = 0"),
     ],
 )
 def test_loads_that_are_none(make, message):
@@ -323,14 +329,6 @@ def test_loads_that_are_none(make, message):
 def test_loads_that_do_not_fit_the_scene(load, message):
     with pytest.raises(SceneError, match=message):
         hhr.FullOrderModel(layers(loads=(load,)))
-
-
-def test_axes_that_do_not_fit():
-    turning_about = partial(hhr.Centrifugal, block.SOLID, "T")
-    with pytest.raises(SceneError, match="needs an axis_direction of 3 components"):
-        hhr.FullOrderModel(alone("solid", (turning_about(),)))
-    with pytest.raises(SceneError, match="the axis of an axisymmetric scene is at r = 0"):
-        hhr.FullOrderModel(alone("axisymmetric", (turning_about((1.0, 0.0)),)))
 
 
 def test_amplitudes_whose_names_are_no_words():
