@@ -6,7 +6,7 @@ with such bodies are refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -29,17 +29,10 @@ class Kernel(Protocol):
         idle: orthonormal motions without loads and resistance, (N, l), which answers do not have.
     """
 
-    @property
-    def described(self) -> str: ...  # noqa: D102
-
-    @property
-    def pins(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def motions(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def idle(self) -> np.ndarray: ...  # noqa: D102
+    described: str
+    pins: np.ndarray
+    motions: np.ndarray
+    idle: np.ndarray
 
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
@@ -67,20 +60,14 @@ class CondensedKernel(Protocol):
         equalities: equality problems on S with the motions.
         driving: loads along the motions, (r,).
         modes: the motions as primal unknowns, (n, r).
-        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
     """
 
-    @property
-    def equalities(self) -> Any: ...  # noqa: D102
+    equalities: Any
+    driving: np.ndarray
+    modes: np.ndarray
 
-    @property
-    def driving(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def modes(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def drift(self) -> Callable[[np.ndarray, np.ndarray], np.ndarray]: ...  # noqa: D102
+    def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
+        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""
 
     def answer(
         self, contact: Any, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Any, gradient: bool

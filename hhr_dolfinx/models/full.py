@@ -37,9 +37,7 @@ if TYPE_CHECKING:
 class Equations(Protocol):
     """Dependence of the equations on parameters."""
 
-    @property
-    def bodies(self) -> ScaledBodies | None:
-        """Moduli of whole bodies, if nothing else of K varies; None otherwise."""
+    bodies: ScaledBodies | None  # moduli of whole bodies, if nothing else of K varies; None otherwise
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # one for each query, as CondensedContact
 class Floating:
     """Rigid motions of bodies that contact alone holds; they stay unknowns after elimination (r motions).
 
