@@ -20,19 +20,12 @@ if TYPE_CHECKING:
 
 
 class Kernel(Protocol):
-    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing).
+    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing)."""
 
-    Attributes:
-        described: the bodies that contact holds, with their motions.
-        pins: dofs that fix all motions, (r + l,).
-        motions: orthonormal motions that contact resists, (N, r).
-        idle: orthonormal motions without loads and resistance, (N, l), which answers do not have.
-    """
-
-    described: str
-    pins: np.ndarray
-    motions: np.ndarray
-    idle: np.ndarray
+    described: str  # the bodies that contact holds, with their motions
+    pins: np.ndarray  # dofs that fix all motions, (r + l,)
+    motions: np.ndarray  # orthonormal motions that contact resists, (N, r)
+    idle: np.ndarray  # orthonormal motions without loads and resistance, (N, l), which answers do not have
 
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
@@ -54,17 +47,11 @@ class Kernel(Protocol):
 
 
 class CondensedKernel(Protocol):
-    """Motions as unknowns of one condensed contact problem (n unknowns, m conditions).
+    """Motions as unknowns of one condensed contact problem (n unknowns, m conditions)."""
 
-    Attributes:
-        equalities: equality problems on S with the motions.
-        driving: loads along the motions, (r,).
-        modes: the motions as primal unknowns, (n, r).
-    """
-
-    equalities: Any
-    driving: np.ndarray
-    modes: np.ndarray
+    equalities: Any  # equality problems on S with the motions
+    driving: np.ndarray  # loads along the motions, (r,)
+    modes: np.ndarray  # the motions as primal unknowns, (n, r)
 
     def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
         """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""

@@ -177,8 +177,8 @@ class Answer(NamedTuple):
         """Part of the memory, None if another law has one of this name; or a method that a plug-in adds."""
         if name in self.memory:
             return self.memory[name]
-        if (function := registry.asked_of_answers().get(name)) is not None:
-            return partial(function, self)
+        if (place := registry.asked_of_answers().get(name)) is not None:
+            return partial(registry.loaded(place), self)
         if name.startswith("_") or name not in registry.memories():
             raise AttributeError(f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}")
         return None

@@ -8,6 +8,7 @@ Sizes: N dofs, n of them on this rank; N_lambda contact conditions; 1 + T terms 
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -17,8 +18,9 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
+from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
+from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
@@ -32,6 +34,12 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
     from hhr_dolfinx.parameters import PointLike
+
+
+_log = logging.getLogger(__name__)
+
+KEPT_BYTES = 1e9
+"""Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
 
 
 class Equations(Protocol):
@@ -74,7 +82,7 @@ class Guard:
         """Check a model in corners of its parameter range."""
 
 
-class FullModel(AnsweringModel, ModelFields):
+class FullModel(AnsweringModel, ElasticFields):
     """The full-order model: solves points and paths, completes its own answers, and lends its factors.
 
     Attributes:
@@ -83,8 +91,9 @@ class FullModel(AnsweringModel, ModelFields):
         problem: the algebraic contact problem; on several ranks each has the rows of its dofs.
         system: the equations at any point.
         stiffness: K, if it is constant; otherwise K in the middle of the box.
-        store: factors of K.
-        keeps_columns: whether K^-1 B^T has room in memory.
+        store: factors of K, leased by K of this and other points.
+        keeps_columns: whether K^-1 B^T has room in memory; otherwise S is made at its first use, and a displacement
+            takes one more solution.
         functionals: outputs of the scene; None if it has none.
         equilibrium: equilibrium of bodies with laws; None if all bodies are elastic.
         strains: check that strains in its answers are small.
@@ -154,11 +163,15 @@ class FullModel(AnsweringModel, ModelFields):
         return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
 
     @property
-    @abstractmethod
     def per_force(self) -> np.ndarray:
-        """K^-1 B^T, (n, N_lambda)."""
+        """K^-1 B^T, (n, N_lambda), of a constant K or that of the middle of the box.
 
-    @abstractmethod
+        If it is not kept it is computed, and kept afterwards: it may be larger than everything else.
+        """
+        if not self.stiffness.has_response:
+            _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
+        return self.stiffness.response
+
     def march(
         self,
         path: Path,
@@ -171,6 +184,18 @@ class FullModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is called with each new one.
         """
+        check_settings(settings)
+        checked = checked_path(self.parameters, path)
+        if self.equilibrium is not None:
+            return self.equilibrium.march(checked, settings, known=known, keep=keep)
+
+        def keep_small(answer: Answer) -> None:
+            self.strains.look(answer)
+            keep(answer)
+
+        if self.law.remembers:
+            return self.follow(checked, settings, known=known, keep=keep_small)
+        return solve_along(self, checked, settings, known=known, keep=keep_small)
 
     @abstractmethod
     def gathered(self) -> FullModel:
@@ -180,13 +205,14 @@ class FullModel(AnsweringModel, ModelFields):
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells, components)."""
 
-    @abstractmethod
     def areas(self, mu: PointLike) -> np.ndarray:
-        """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
+        """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
+        shaped = self.problem.reshaped
+        return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
 
-    @abstractmethod
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
+        return 8 * rows * self.conditions <= KEPT_BYTES
 
     @abstractmethod
     def factors_of(

@@ -51,17 +51,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         gap_scale: length scale of the gap of each condition, so that (1.70) does not depend on units,
             (N_lambda,).
         dimension: components of the displacement at a node.
-        flow: completes the fields of bodies with laws.
         stress_of: stress of a displacement of elastic bodies; None for a model from a file, which has no mesh.
-        indicator: estimates the error of an answer; None without one.
-        bound: bounds the error of an answer; None if its hypotheses are not satisfied.
-        functionals: outputs of the scene; None without outputs.
-        output_bound: estimates the errors of outputs, in addition to ``bound``; None without outputs or bound.
-        unbounded: reason for a missing bound.
         response: coordinates of forces on the whole surface if S and the response to loads are known; None
             if the coordinates are gamma.
-        interface: completion of the forces of a law of interfaces; None for unilateral contact.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
+        flow, indicator, bound, functionals, output_bound, unbounded, interface, full: see the base class.
     """
 
     amplitudes: Amplitudes

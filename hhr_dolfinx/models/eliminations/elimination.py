@@ -132,17 +132,21 @@ def answer_of(
 
 
 def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
-    """An answer with its derivatives at its statuses; unchanged if it has no solution."""
+    """An answer with its derivatives at its statuses; unchanged if it has no solution.
+
+    Slack(mu, lambda) = 0 is differentiated on the active set: one more right-hand side for each parameter.
+    """
     if not answer.converged:
         return answer
-    from hhr_dolfinx.models.gradient import gradient_of
+    from hhr_dolfinx.models.gradient import Gradient, grazing
 
+    active = answer.active
     forces = answer.multipliers
     slack = contact.free_slack + contact.schur @ forces
-    fixed = contact.at_fixed_forces(forces, answer.unknown)
-    return answer._replace(
-        gradient=gradient_of(contact.equalities, answer.active, forces, slack, fixed, contact.pushed)
-    )
+    of_slack, of_unknown = contact.at_fixed_forces(forces, answer.unknown)
+    changes, opened = contact.equalities.several(active, of_slack)
+    gradient = Gradient(of_unknown - contact.pushed(changes), changes, grazing(active, forces, slack), opened)
+    return answer._replace(gradient=gradient)
 
 
 @dataclass(frozen=True)
