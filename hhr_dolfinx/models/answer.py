@@ -20,7 +20,8 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.completion import InterfaceCompletion
+    from hhr_dolfinx.contact.law import ContactLaw
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -63,6 +64,40 @@ class Completion(Protocol):
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Estimate of the error of an answer; None without one."""
+
+
+class InterfaceCompletion(Protocol):
+    """Completes contact forces on the whole surface for a law of interfaces that has its own way."""
+
+    @property
+    def within(self) -> np.ndarray:
+        """Conditions of the RID, (m,)."""
+
+    @property
+    def whole(self) -> ContactLaw:
+        """Law of the whole contact surface."""
+
+    @property
+    def inside(self) -> ContactLaw:
+        """Law of the RID, with the row numbers of the RID."""
+
+    def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
+
+    def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+
+    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
+        """Estimated relative error of forces.
+
+        Args:
+            inside: forces in the RID, (m,).
+            slack: of all conditions under the displacement, (N_lambda,).
+            scale: length by which the gap of each is measured, (N_lambda,).
+        """
+
+    def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
+        """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
 
 
 class ModelFields:
@@ -426,7 +461,6 @@ class ListedAnswers(SeveralAnswers):
     answers: tuple[Answer, ...]
 
     def __getitem__(self, k: int) -> Answer:
-        """Answer to one point."""
         return self.answers[k]
 
     @property

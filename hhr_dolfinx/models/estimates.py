@@ -149,7 +149,6 @@ class Estimates:
         return Estimates, (self.kind, *(getattr(self, name) for name in NUMBERS), bounds.__getitem__)
 
     def __getitem__(self, k: int) -> Estimate:
-        """Estimate of one answer."""
         numbers = {name: float(getattr(self, name)[k]) for name in NUMBERS}
         return Estimate(self.kind, outputs=self.outputs_of(k), **numbers)
 

@@ -14,14 +14,13 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.models.answer import Answer, Completion, Meshed, ModelFields
+from hhr_dolfinx.models.answer import Answer, Completion, InterfaceCompletion, Meshed, ModelFields
 from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
 

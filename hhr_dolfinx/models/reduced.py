@@ -145,7 +145,6 @@ class ReducedModel(KeptModel):
         return cls(**parts, factorise=LapackLU)
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """By the model without gamma."""
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 

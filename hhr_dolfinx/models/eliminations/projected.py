@@ -27,7 +27,6 @@ class ReducedTerms:
     moduli: Annotated[tuple[Modulus, ...], "parts"]  # amplitudes of the parts
 
     def __post_init__(self) -> None:
-        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -69,7 +68,6 @@ class ReducedProblem:
     motions: int = 0
 
     def __post_init__(self) -> None:
-        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

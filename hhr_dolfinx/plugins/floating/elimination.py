@@ -24,6 +24,7 @@ from hhr_dolfinx.plugins.floating.condensed import Floating
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 
 Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Maps the unknown to derivatives of slack, unknown and balance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +53,7 @@ class FloatingElimination(Rebuilt, Elimination):
         return FloatingEqualities(self.responses.schur, self.taken)
 
     def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
-        """Contact problem at a point, (P,).
-
-        Args:
-            point: parameters.
-            changed: maps the unknown to derivatives of slack, unknown and balance at fixed forces and motions; None
-                for a constant stiffness.
-        """
+        """Contact problem at a point, (P,); ``changed``: derivatives at fixed forces and motions, if K varies."""
         theta = self.amplitudes(point)
         left = self.responses
         changes = partial(self._changes, point) if changed is None else changed
