@@ -45,15 +45,10 @@ class Meshed(Protocol):
 
 
 class Completion(Protocol):
-    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh.
+    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh."""
 
-    Attributes:
-        kind: kind of its estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`.
-        known_error: the same in one line.
-    """
-
-    kind: ClassVar[str]
-    known_error: ClassVar[str]
+    kind: ClassVar[str]  # kind of its estimates, see Estimate
+    known_error: ClassVar[str]  # the same in one line
 
     @property
     def places(self) -> int:
@@ -452,13 +447,9 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: memory of laws, fields of a local model.
+    """Answers found one by one, each with all its parts: memory of laws, fields of a local model."""
 
-    Attributes:
-        answers: one or more.
-    """
-
-    answers: tuple[Answer, ...]
+    answers: tuple[Answer, ...]  # one or more
 
     def __getitem__(self, k: int) -> Answer:
         return self.answers[k]

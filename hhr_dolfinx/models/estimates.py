@@ -220,11 +220,7 @@ ASKED = ("forces", "pressure", "displacement")
 
 
 def known_error(fields: Any) -> str:
-    """Description of the errors that are estimated for answers with some fields, or the reason why there are none.
-
-    Args:
-        fields: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
-    """
+    """Description of the errors that are estimated for answers with some fields, or the reason why there are none."""
     kind = fields.estimated
     if fields.bound is not None:
         known, others = _outputs(fields)

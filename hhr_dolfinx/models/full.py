@@ -83,34 +83,20 @@ class Guard:
 
 
 class FullModel(AnsweringModel, ElasticFields):
-    """The full-order model: solves points and paths, completes its own answers, and lends its factors.
-
-    Attributes:
-        scene: the scene.
-        group: processes that have the model together.
-        problem: the algebraic contact problem; on several ranks each has the rows of its dofs.
-        system: the equations at any point.
-        stiffness: K, if it is constant; otherwise K in the middle of the box.
-        store: factors of K, leased by K of this and other points.
-        keeps_columns: whether K^-1 B^T has room in memory; otherwise S is made at its first use, and a displacement
-            takes one more solution.
-        functionals: outputs of the scene; None if it has none.
-        equilibrium: equilibrium of bodies with laws; None if all bodies are elastic.
-        strains: check that strains in its answers are small.
-        pairs: conditions by contact pair.
-    """
+    """The full-order model: solves points and paths, completes its own answers, and lends its factors."""
 
     scene: NamedScene
-    group: Group
-    problem: ContactProblem
-    system: Equations
-    stiffness: SparseStiffness
-    store: FactorStore
+    group: Group  # processes that have the model together
+    problem: ContactProblem  # the algebraic contact problem; on several ranks each has the rows of its dofs
+    system: Equations  # the equations at any point
+    stiffness: SparseStiffness  # K, if it is constant; otherwise K in the middle of the box
+    store: FactorStore  # factors of K, leased by K of this and other points
+    # whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement takes one more solution
     keeps_columns: bool
-    functionals: AllOutputs | None
-    equilibrium: FullEquilibrium | None = None
-    strains: Guard
-    pairs: Pairs | None
+    functionals: AllOutputs | None  # outputs of the scene; None if it has none
+    equilibrium: FullEquilibrium | None = None  # equilibrium of bodies with laws; None if all bodies are elastic
+    strains: Guard  # check that strains in its answers are small
+    pairs: Pairs | None  # conditions by contact pair
 
     @property
     def comm(self) -> Comm:
