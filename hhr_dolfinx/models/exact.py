@@ -104,19 +104,17 @@ class ExactFields(_Exact):
 class SolvedFields(_Exact):
     """Fields of exact condensation whose K^-1 B^T exceeds the memory: a displacement takes one full solve.
 
-    Attributes:
-        amplitudes, lifts, per_term, dimension: see :class:`ExactFields`.
-        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many,
-            as a largest stress has; outputs then evaluate displacements, one more solve each.
-        pushed: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process.
-        stress_of, functionals, full: see :class:`ExactFields`.
+    Parts without a comment are those of :class:`ExactFields`.
     """
 
     amplitudes: Amplitudes
     lifts: Annotated[csc_matrix, "N", "terms"]
     per_term: Annotated[Floats, "N", "terms"]
     dimension: int
+    # rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many, as a largest stress
+    # has; outputs then evaluate displacements, one more solve each
     measured_per_force: Annotated[Floats, "rows of outputs", "m"]
+    # K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
