@@ -173,16 +173,12 @@ def memories(*, of_bodies: bool = False) -> frozenset[str]:
 
 
 @functools.cache
-def asked_of_answers() -> Mapping[str, Any]:
-    """Functions of an answer by the names of the methods that plug-ins add to it; modules are imported at first use."""
-    return {name: functools.partial(_called, place) for name, place in named("answers").items()}
+def asked_of_answers() -> Mapping[str, str]:
+    """Places of functions of an answer by the names of the methods that plug-ins add to it."""
+    return named("answers")
 
 
-def _called(place: str, answer: object) -> Any:
-    return _loaded(place)(answer)
-
-
-_loaded = functools.cache(load)
+loaded = functools.cache(load)
 """Objects at places, quicker: a history asks each of its answers."""
 
 
@@ -243,12 +239,7 @@ def offered(word: str) -> Any | None:
     return None if place is None else load(place)
 
 
-def listed(what: str) -> list[Any]:
-    """Objects at the places in one list of the manifests of all plug-ins, such as ``companions``."""
-    return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
-
-
 def write_companions(full: object, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
-    for write in listed("companions"):
-        write(full, folder)
+    for place in [place for plugin in installed().values() for place in plugin.companions]:
+        load(place)(full, folder)

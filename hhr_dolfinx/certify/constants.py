@@ -214,7 +214,8 @@ def assess(
     smallest, largest = row_range(reduced.contact_test)
     kappas = [problem.condition_number(*pair) for pair in ((smallest, largest), row_range(reduced.contact_trial))]
     # without rigid motions, along which K~ is zero
-    reduced, basis = reduced.held, basis[:, reduced.motions :]
+    basis = basis[:, reduced.motions :]
+    reduced = reduced.held
     low, high = singular_range(reduced.stiffness)
     rows = problem.spread
     whole = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))

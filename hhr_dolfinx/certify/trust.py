@@ -29,6 +29,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -163,8 +164,7 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
     for row, number in zip(normals, sets.A_lambda, strict=True):
         dofs = problem.contact_slaves[number] * problem.block_size + np.arange(problem.block_size)
         row[:] = problem.contact[number][:, dofs].toarray()[0]
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    directions = normals / np.where(lengths > 0, lengths, 1.0)
+    directions = normalised(normals)
     nodes = problem.contact_slaves[sets.A_lambda]
     alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - ALIKE)
     one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))

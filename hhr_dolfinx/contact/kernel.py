@@ -6,7 +6,7 @@ with such bodies are refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -20,26 +20,12 @@ if TYPE_CHECKING:
 
 
 class Kernel(Protocol):
-    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing).
+    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing)."""
 
-    Attributes:
-        described: the bodies that contact holds, with their motions.
-        pins: dofs that fix all motions, (r + l,).
-        motions: orthonormal motions that contact resists, (N, r).
-        idle: orthonormal motions without loads and resistance, (N, l), which answers do not have.
-    """
-
-    @property
-    def described(self) -> str: ...  # noqa: D102
-
-    @property
-    def pins(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def motions(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def idle(self) -> np.ndarray: ...  # noqa: D102
+    described: str  # the bodies that contact holds, with their motions
+    pins: np.ndarray  # dofs that fix all motions, (r + l,)
+    motions: np.ndarray  # orthonormal motions that contact resists, (N, r)
+    idle: np.ndarray  # orthonormal motions without loads and resistance, (N, l), which answers do not have
 
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
@@ -61,26 +47,14 @@ class Kernel(Protocol):
 
 
 class CondensedKernel(Protocol):
-    """Motions as unknowns of one condensed contact problem (n unknowns, m conditions).
+    """Motions as unknowns of one condensed contact problem (n unknowns, m conditions)."""
 
-    Attributes:
-        equalities: equality problems on S with the motions.
-        driving: loads along the motions, (r,).
-        modes: the motions as primal unknowns, (n, r).
-        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
-    """
+    equalities: Any  # equality problems on S with the motions
+    driving: np.ndarray  # loads along the motions, (r,)
+    modes: np.ndarray  # the motions as primal unknowns, (n, r)
 
-    @property
-    def equalities(self) -> Any: ...  # noqa: D102
-
-    @property
-    def driving(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def modes(self) -> np.ndarray: ...  # noqa: D102
-
-    @property
-    def drift(self) -> Callable[[np.ndarray, np.ndarray], np.ndarray]: ...  # noqa: D102
+    def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
+        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""
 
     def answer(
         self, contact: Any, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Any, gradient: bool

@@ -109,15 +109,10 @@ def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
 
 
 class Reshaping(Protocol):
-    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again.
+    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again."""
 
-    Attributes:
-        axes: indices of the parameters of shapes.
-        described: all formulas, for fingerprints.
-    """
-
-    axes: tuple[int, ...]
-    described: str
+    axes: tuple[int, ...]  # indices of the parameters of shapes
+    described: str  # all formulas, for fingerprints
 
     def __call__(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many conditions."""

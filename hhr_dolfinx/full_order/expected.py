@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.full_order.full import KEPT_BYTES
 from hhr_dolfinx.linear.sparse import MOST_LAST, low_rank_of
+from hhr_dolfinx.models.full import KEPT_BYTES
 
 MEASURED_DOFS = 280_221
 WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))

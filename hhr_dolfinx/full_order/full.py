@@ -23,12 +23,10 @@ from hhr_dolfinx.full_order.system import System, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.full import FullModel, Guard
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
@@ -38,8 +36,6 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-KEPT_BYTES = 1e9
-"""Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
@@ -50,30 +46,12 @@ class FullOrderModel(FullModel):
     lambda, on any number of ranks; the answer is the same on each. Paths of bodies with laws are solved by the plug-in
     that reads the laws; ranks, on similar machines, then share only the factors. PETSc options take the prefix
     ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must not, since the order of
-    collective calls would differ.
+    collective calls would differ. It has the attributes of :class:`~hhr_dolfinx.models.full.FullModel`, and
+    ``discretisation``, mesh and forms.
 
     Args:
         scene: the scene.
         comm: MPI communicator.
-
-    Attributes:
-        scene: the scene.
-        comm: MPI communicator; calls are collective.
-        spread: distribution of rows of vectors and tables of dofs, and sums over ranks. For bodies with laws each rank
-            has all rows, and only factors are shared.
-        discretisation: mesh and forms.
-        problem: the :class:`ContactProblem`; on several ranks each has the rows of its dofs.
-        system: its equations at any point.
-        stiffness: K, if it is constant, or that in the middle of the box.
-        store: factors of K, leased by K of this and other points.
-        parameters: the parameter range.
-        per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
-        keeps_columns: K^-1 B^T fits into memory; without it S is made at its first use, and a displacement takes one
-            more solution.
-        pairs: conditions by contact pair.
-        equilibrium: answers paths of bodies with laws; None for elastic ones.
-        functionals: outputs of the scene; None without outputs.
-        trained: None: a full model has no training range.
 
     Raises:
         SceneError: for an invalid scene, or one that cannot be built.
@@ -83,7 +61,7 @@ class FullOrderModel(FullModel):
     exact = True
     unbounded = "the full model has no reduction error"
 
-    trained = None
+    trained = None  # no training range
     scene: Scene
     system: System
 
@@ -180,20 +158,6 @@ class FullOrderModel(FullModel):
         found = SparseStiffness(matrix, problem, self.store, keeps=self.keeps_columns)
         return found.lent(self.stiffness) if matrix is own else found
 
-    def has_room(self, rows: int) -> bool:
-        """True if an array with so many rows, and a column for each condition, may be kept."""
-        return 8 * rows * self.conditions <= KEPT_BYTES
-
-    @property
-    def per_force(self) -> np.ndarray:
-        """K^-1 B^T, (own dofs, N_lambda), of a constant K or that of the middle of the box.
-
-        If it is not kept it is computed, and kept afterwards: it may be larger than everything else.
-        """
-        if not self.stiffness.has_response:
-            _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
-        return self.stiffness.response
-
     @property
     def fields(self) -> FullOrderModel:
         """Fields of its answers: the model itself."""
@@ -273,40 +237,11 @@ class FullOrderModel(FullModel):
 
         return made
 
-    def march(
-        self,
-        path: Path,
-        settings: MarchSettings = DEFAULT_MARCH,
-        *,
-        known: list[Answer] | tuple[()] = (),
-        keep: Callable[[Answer], None] = lambda answer: None,
-    ) -> History:
-        """Solve a load path from the initial state, see :meth:`Model.march`.
-
-        ``known`` are answers to its first steps, solved before; ``keep`` is called with each new answer.
-        """
-        check_settings(settings)
-        checked = checked_path(self.parameters, path)
-        if self.equilibrium is None:
-
-            def keep_small(answer: Answer) -> None:
-                self.strains.look(answer)
-                keep(answer)
-
-            if self.law.remembers:
-                return self.follow(checked, settings, known=known, keep=keep_small)
-            return solve_along(self, checked, settings, known=known, keep=keep_small)
-        return self.equilibrium.march(checked, settings, known=known, keep=keep)
-
     # fields of an answer, see models.answer.ModelFields
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """U0 and the lift, (N,)."""
         return answer.unknown + self.problem.lifts @ self.problem.amplitudes(answer.parameter)
-
-    def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,), a new array."""
-        return answer.multipliers.copy()
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation: in the middle of each cell, or where laws of bodies are evaluated."""
@@ -318,11 +253,6 @@ class FullOrderModel(FullModel):
     def full(self) -> FullOrderModel:
         """The model itself; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
-
-    def areas(self, mu: PointLike) -> np.ndarray:
-        """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
-        shaped = self.problem.reshaped
-        return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""

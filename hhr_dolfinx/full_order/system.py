@@ -147,7 +147,6 @@ class _OfParts(System):
     _last: tuple[np.ndarray, Any] | None = None
 
     def parts(self) -> Parts:
-        """See :class:`System`."""
         return self.problem.moduli, self.problem.stiffness_terms
 
     def _kept(self, scales: np.ndarray, made: Callable[[np.ndarray], Any]) -> Any:

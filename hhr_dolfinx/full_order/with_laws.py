@@ -22,21 +22,10 @@ if TYPE_CHECKING:
 class BodiesWithLaws(Protocol):
     """Bodies with laws on the mesh of a scene."""
 
-    @property
-    def discretisation(self) -> Discretisation:
-        """Mesh and forms; each rank has the whole mesh."""
-
-    @property
-    def stiffness(self) -> tuple[csr_matrix, ...]:
-        """Parts of the elastic stiffness, (N, N) each."""
-
-    @property
-    def moduli(self) -> tuple[Modulus, ...]:
-        """Their amplitudes; empty if elasticity is constant, with a single part."""
-
-    @property
-    def places(self) -> int:
-        """Number of places at which laws are evaluated."""
+    discretisation: Discretisation  # mesh and forms; each rank has the whole mesh
+    stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness, (N, N) each
+    moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
+    places: int  # number of places at which laws are evaluated
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
         """Von Mises' stress of an output in some cells, by their numbers."""

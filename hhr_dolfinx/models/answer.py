@@ -20,7 +20,8 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.completion import InterfaceCompletion
+    from hhr_dolfinx.contact.law import ContactLaw
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -44,15 +45,10 @@ class Meshed(Protocol):
 
 
 class Completion(Protocol):
-    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh.
+    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh."""
 
-    Attributes:
-        kind: kind of its estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`.
-        known_error: the same in one line.
-    """
-
-    kind: ClassVar[str]
-    known_error: ClassVar[str]
+    kind: ClassVar[str]  # kind of its estimates, see Estimate
+    known_error: ClassVar[str]  # the same in one line
 
     @property
     def places(self) -> int:
@@ -63,6 +59,40 @@ class Completion(Protocol):
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Estimate of the error of an answer; None without one."""
+
+
+class InterfaceCompletion(Protocol):
+    """Completes contact forces on the whole surface for a law of interfaces that has its own way."""
+
+    @property
+    def within(self) -> np.ndarray:
+        """Conditions of the RID, (m,)."""
+
+    @property
+    def whole(self) -> ContactLaw:
+        """Law of the whole contact surface."""
+
+    @property
+    def inside(self) -> ContactLaw:
+        """Law of the RID, with the row numbers of the RID."""
+
+    def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
+
+    def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+
+    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
+        """Estimated relative error of forces.
+
+        Args:
+            inside: forces in the RID, (m,).
+            slack: of all conditions under the displacement, (N_lambda,).
+            scale: length by which the gap of each is measured, (N_lambda,).
+        """
+
+    def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
+        """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
 
 
 class ModelFields:
@@ -177,8 +207,8 @@ class Answer(NamedTuple):
         """Part of the memory, None if another law has one of this name; or a method that a plug-in adds."""
         if name in self.memory:
             return self.memory[name]
-        if (function := registry.asked_of_answers().get(name)) is not None:
-            return partial(function, self)
+        if (place := registry.asked_of_answers().get(name)) is not None:
+            return partial(registry.loaded(place), self)
         if name.startswith("_") or name not in registry.memories():
             raise AttributeError(f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}")
         return None
@@ -417,16 +447,11 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: memory of laws, fields of a local model.
+    """Answers found one by one, each with all its parts: memory of laws, fields of a local model."""
 
-    Attributes:
-        answers: one or more.
-    """
-
-    answers: tuple[Answer, ...]
+    answers: tuple[Answer, ...]  # one or more
 
     def __getitem__(self, k: int) -> Answer:
-        """Answer to one point."""
         return self.answers[k]
 
     @property

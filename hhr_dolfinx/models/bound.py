@@ -25,16 +25,12 @@ ROUND_OFF = 1e-10
 
 @dataclass(frozen=True)
 class ForceScale:
-    """Scales of contact forces (m conditions).
+    """Scales of contact forces (m conditions)."""
 
-    Attributes:
-        areas: tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition without an
-            area has zero pressure; for answers on different shapes (n, m).
-        least: S norm, Euclidean norm and peak pressure that relative errors use at least as the denominator, (3,).
-    """
-
+    # tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition without an area has
+    # zero pressure; for answers on different shapes (n, m)
     areas: np.ndarray
-    least: np.ndarray
+    least: np.ndarray  # S norm, Euclidean norm and peak pressure that relative errors use at least to divide by, (3,)
 
     @cached_property
     def per_area(self) -> np.ndarray:
@@ -164,16 +160,9 @@ class OutputBound(Protocol):
 
 
 class Bounding(NamedTuple):
-    """A bound of errors, and the displacement to which it applies.
-
-    Attributes:
-        bound: None without a bound.
-        columns: columns of the displacement, (own, c).
-        response: maps forces to their coordinates; None if these are gamma.
-        unbounded: reason for a missing bound; empty with a bound.
-    """
+    """A bound of errors, and the displacement to which it applies."""
 
     bound: Bound | None
-    columns: np.ndarray
-    response: Response | None = None
-    unbounded: str = ""
+    columns: np.ndarray  # columns of the displacement, (own, c)
+    response: Response | None = None  # maps forces to their coordinates; None if these are gamma
+    unbounded: str = ""  # reason for a missing bound; empty with a bound

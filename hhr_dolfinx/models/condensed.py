@@ -35,14 +35,11 @@ class CondensedModel(KeptModel):
     Threads may share a model. Copies and pickles of it, for a pool of workers, give the same answers.
 
     Args:
-        parameters: the box of the parameters.
         eliminated: makes the contact problem of a point.
         known: statuses of the training parameters.
-        fields: completes the answers.
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: range of parameters in which answers can be trusted; None for no limit.
-        advice: remedy for each status, for the messages.
-        law: law of the contact conditions.
+        parameters, fields, advice, law: see :class:`AnsweringModel`.
     """
 
     kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained", "law")
@@ -88,7 +85,6 @@ class CondensedModel(KeptModel):
         """Answer many parameters, (n, P), as :meth:`solve` does, to round-off; faster per point the more there are.
 
         Args:
-            points: one row for each.
             raise_on_failure: raise at the first point without a solution, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """

@@ -19,15 +19,11 @@ from hhr_dolfinx.models.answer import Answer
 
 
 class LinearDisplacement(ABC):
-    """Fields whose displacement is linear in coordinates.
+    """Fields whose displacement is linear in coordinates."""
 
-    Attributes:
-        stress_of: stress of a displacement, (N,), at a parameter, (P,); None without a mesh.
-        functionals: outputs of the scene; None if it has none.
-    """
-
+    # stress of a displacement, (N,), at a parameter, (P,); None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
-    functionals: Any
+    functionals: Any  # outputs of the scene; None if it has none
 
     @abstractmethod
     def displacement(self, answer: Answer) -> np.ndarray:

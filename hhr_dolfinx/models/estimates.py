@@ -149,7 +149,6 @@ class Estimates:
         return Estimates, (self.kind, *(getattr(self, name) for name in NUMBERS), bounds.__getitem__)
 
     def __getitem__(self, k: int) -> Estimate:
-        """Estimate of one answer."""
         numbers = {name: float(getattr(self, name)[k]) for name in NUMBERS}
         return Estimate(self.kind, outputs=self.outputs_of(k), **numbers)
 
@@ -221,11 +220,7 @@ ASKED = ("forces", "pressure", "displacement")
 
 
 def known_error(fields: Any) -> str:
-    """Description of the errors that are estimated for answers with some fields, or the reason why there are none.
-
-    Args:
-        fields: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
-    """
+    """Description of the errors that are estimated for answers with some fields, or the reason why there are none."""
     kind = fields.estimated
     if fields.bound is not None:
         known, others = _outputs(fields)

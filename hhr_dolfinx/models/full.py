@@ -8,6 +8,7 @@ Sizes: N dofs, n of them on this rank; N_lambda contact conditions; 1 + T terms 
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -17,8 +18,9 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
+from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
+from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
@@ -34,12 +36,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import PointLike
 
 
+_log = logging.getLogger(__name__)
+
+KEPT_BYTES = 1e9
+"""Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
+
+
 class Equations(Protocol):
     """Dependence of the equations on parameters."""
 
-    @property
-    def bodies(self) -> ScaledBodies | None:
-        """Moduli of whole bodies, if nothing else of K varies; None otherwise."""
+    bodies: ScaledBodies | None  # moduli of whole bodies, if nothing else of K varies; None otherwise
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""
@@ -76,34 +82,21 @@ class Guard:
         """Check a model in corners of its parameter range."""
 
 
-class FullModel(AnsweringModel, ModelFields):
-    """The full-order model: solves points and paths, completes its own answers, and lends its factors.
-
-    Attributes:
-        scene: the scene.
-        group: processes that have the model together.
-        problem: the algebraic contact problem; on several ranks each has the rows of its dofs.
-        system: the equations at any point.
-        stiffness: K, if it is constant; otherwise K in the middle of the box.
-        store: factors of K.
-        keeps_columns: whether K^-1 B^T has room in memory.
-        functionals: outputs of the scene; None if it has none.
-        equilibrium: equilibrium of bodies with laws; None if all bodies are elastic.
-        strains: check that strains in its answers are small.
-        pairs: conditions by contact pair.
-    """
+class FullModel(AnsweringModel, ElasticFields):
+    """The full-order model: solves points and paths, completes its own answers, and lends its factors."""
 
     scene: NamedScene
-    group: Group
-    problem: ContactProblem
-    system: Equations
-    stiffness: SparseStiffness
-    store: FactorStore
+    group: Group  # processes that have the model together
+    problem: ContactProblem  # the algebraic contact problem; on several ranks each has the rows of its dofs
+    system: Equations  # the equations at any point
+    stiffness: SparseStiffness  # K, if it is constant; otherwise K in the middle of the box
+    store: FactorStore  # factors of K, leased by K of this and other points
+    # whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement takes one more solution
     keeps_columns: bool
-    functionals: AllOutputs | None
-    equilibrium: FullEquilibrium | None = None
-    strains: Guard
-    pairs: Pairs | None
+    functionals: AllOutputs | None  # outputs of the scene; None if it has none
+    equilibrium: FullEquilibrium | None = None  # equilibrium of bodies with laws; None if all bodies are elastic
+    strains: Guard  # check that strains in its answers are small
+    pairs: Pairs | None  # conditions by contact pair
 
     @property
     def comm(self) -> Comm:
@@ -156,11 +149,15 @@ class FullModel(AnsweringModel, ModelFields):
         return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
 
     @property
-    @abstractmethod
     def per_force(self) -> np.ndarray:
-        """K^-1 B^T, (n, N_lambda)."""
+        """K^-1 B^T, (n, N_lambda), of a constant K or that of the middle of the box.
 
-    @abstractmethod
+        If it is not kept it is computed, and kept afterwards: it may be larger than everything else.
+        """
+        if not self.stiffness.has_response:
+            _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
+        return self.stiffness.response
+
     def march(
         self,
         path: Path,
@@ -173,6 +170,18 @@ class FullModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is called with each new one.
         """
+        check_settings(settings)
+        checked = checked_path(self.parameters, path)
+        if self.equilibrium is not None:
+            return self.equilibrium.march(checked, settings, known=known, keep=keep)
+
+        def keep_small(answer: Answer) -> None:
+            self.strains.look(answer)
+            keep(answer)
+
+        if self.law.remembers:
+            return self.follow(checked, settings, known=known, keep=keep_small)
+        return solve_along(self, checked, settings, known=known, keep=keep_small)
 
     @abstractmethod
     def gathered(self) -> FullModel:
@@ -182,13 +191,14 @@ class FullModel(AnsweringModel, ModelFields):
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells, components)."""
 
-    @abstractmethod
     def areas(self, mu: PointLike) -> np.ndarray:
-        """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
+        """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
+        shaped = self.problem.reshaped
+        return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
 
-    @abstractmethod
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
+        return 8 * rows * self.conditions <= KEPT_BYTES
 
     @abstractmethod
     def factors_of(

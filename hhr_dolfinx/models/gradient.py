@@ -6,12 +6,9 @@ the side on which the statuses stay as they are, and the gradient is marked as o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-
-from hhr_dolfinx.contact.active_set import SchurEqualities
 
 GRAZING = 1e-7
 """Part of the largest force, or slack, below which a condition counts as about to change its status."""
@@ -36,24 +33,6 @@ class Gradient(NamedTuple):
     def one_sided(self) -> bool:
         """True if the derivative holds on one side only."""
         return bool(self.grazing.any())
-
-
-def gradient_of(
-    equalities: SchurEqualities,
-    active: np.ndarray,
-    forces: np.ndarray,
-    slack: np.ndarray,
-    at_fixed_forces: tuple[np.ndarray, np.ndarray],
-    compliance_times: Callable[[np.ndarray], np.ndarray],
-) -> Gradient:
-    """Differentiate slack(mu, lambda) = 0 on the active set: one more right-hand side for each parameter.
-
-    ``at_fixed_forces`` are derivatives at fixed forces of the slack, (m, P), and of the unknown, (n, P);
-    ``compliance_times`` maps contact forces, (m, P), to K^-1 B^T forces, (n, P).
-    """
-    of_slack, of_unknown = at_fixed_forces
-    changes, opened = equalities.several(active, of_slack)
-    return Gradient(of_unknown - compliance_times(changes), changes, grazing(active, forces, slack), opened)
 
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:

@@ -36,7 +36,6 @@ class ManyAnswers(SeveralAnswers):
     fields: ModelFields  # completes the answers
 
     def __getitem__(self, k: int) -> Answer:
-        """Answer to one point."""
         own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
         return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
 
@@ -84,7 +83,6 @@ class PartedAnswers(SeveralAnswers):
         return cls(points, model, [status[row] for row in range(len(model))], iterations, tuple(parts))
 
     def __getitem__(self, k: int) -> Answer:
-        """Answer to one point."""
         k = range(len(self))[k]
         for rows, many in self.parts:
             place = int(np.searchsorted(rows, k))

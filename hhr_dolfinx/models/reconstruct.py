@@ -14,14 +14,13 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.models.answer import Answer, Completion, Meshed, ModelFields
+from hhr_dolfinx.models.answer import Answer, Completion, InterfaceCompletion, Meshed, ModelFields
 from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
 
@@ -37,49 +36,32 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True)
 class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
-    """Fields on the whole mesh and contact forces on the whole contact surface; see :class:`models.answer.ModelFields`.
+    """Fields on the whole mesh and contact forces on the whole contact surface.
 
-    Attributes:
-        amplitudes: θ as a function of the parameters.
-        basis: columns of the displacement, (N, c): V, whose coordinates are gamma, or C of a ``response``.
-        lifts: imposed displacements, sparse, (N, 1 + T).
-        contact_basis: B times these columns, (N_lambda, c).
-        gaps: D as terms of θ, (N_lambda, 1 + T).
-        A_lambda: contact conditions of the RID.
-        force_snapshots: columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound
-            completes forces instead.
-        gap_scale: length scale of the gap of each condition, so that (1.70) does not depend on units,
-            (N_lambda,).
-        dimension: components of the displacement at a node.
-        flow: completes the fields of bodies with laws.
-        stress_of: stress of a displacement of elastic bodies; None for a model from a file, which has no mesh.
-        indicator: estimates the error of an answer; None without one.
-        bound: bounds the error of an answer; None if its hypotheses are not satisfied.
-        functionals: outputs of the scene; None without outputs.
-        output_bound: estimates the errors of outputs, in addition to ``bound``; None without outputs or bound.
-        unbounded: reason for a missing bound.
-        response: coordinates of forces on the whole surface if S and the response to loads are known; None
-            if the coordinates are gamma.
-        interface: completion of the forces of a law of interfaces; None for unilateral contact.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
+    Parts without a comment are those of :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
-    amplitudes: Amplitudes
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    # columns of the displacement, (N, c): V, whose coordinates are gamma, or C of a `response`
     basis: Annotated[Floats, "N", "columns"]
-    lifts: Annotated[csc_matrix, "N", "terms"]
-    contact_basis: Annotated[Floats, "N_lambda", "columns"]
-    gaps: Annotated[Floats, "N_lambda", "terms"]
-    A_lambda: Annotated[Integers, "m", "< N_lambda"]
+    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
+    contact_basis: Annotated[Floats, "N_lambda", "columns"]  # B times these columns, (N_lambda, c)
+    gaps: Annotated[Floats, "N_lambda", "terms"]  # D as terms of θ, (N_lambda, 1 + T)
+    A_lambda: Annotated[Integers, "m", "< N_lambda"]  # contact conditions of the RID
+    # columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound completes forces
     force_snapshots: Annotated[Floats, "N_lambda", "snapshots"] | None
+    # length scale of the gap of each condition, so that (1.70) does not depend on units, (N_lambda,)
     gap_scale: Annotated[Floats, "N_lambda"]
-    dimension: int
+    dimension: int  # components of the displacement at a node
     flow: Completion | None = None
+    # stress of a displacement of elastic bodies; None for a model from a file, which has no mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
+    # coordinates of forces on the whole surface if S and the response to loads are known; None if they are gamma
     response: Response | None = None
     interface: InterfaceCompletion | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)

@@ -111,7 +111,7 @@ class ReducedModel(KeptModel):
         self.eliminated: CondensedModel | None = None
         try:
             if flow is None:
-                self.eliminated = self._without_gamma(factorise)
+                self.eliminated = self._without_gamma()
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields, trained)
         except SingularError as error:
@@ -145,7 +145,6 @@ class ReducedModel(KeptModel):
         return cls(**parts, factorise=LapackLU)
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """By the model without gamma."""
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
@@ -159,20 +158,18 @@ class ReducedModel(KeptModel):
         """See :class:`AnsweringModel`; the conditions of the RID, without gamma."""
         return super().contacts() if self.eliminated is None else self.eliminated.contacts()
 
-    def _without_gamma(self, factorise: Factorise) -> CondensedModel:
+    def _without_gamma(self) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter if the stiffness depends on it."""
         if self.known is None:
             raise ReductionError("a model of elastic bodies starts from known statuses: give them as known")
-        eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
+        eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.factorise)
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
         return CondensedModel(
             self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE, self.law
         )
 
 
-def _elimination(
-    problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace, factorise: Factorise
-) -> Elimination:
+def _elimination(problem: ReducedProblem, amplitudes: Amplitudes, factorise: Factorise) -> Elimination:
     """Elimination of gamma: constant, of a sum of parts, or with the kernel of K."""
     if problem.motions:
         return kernels().elimination(problem, amplitudes)

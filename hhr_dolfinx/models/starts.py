@@ -72,15 +72,10 @@ class LinearStarts(KnownStatuses):
     """Statuses at training parameters, with the distance of each condition from a change.
 
     With many parameters the nearest training point is far; extrapolated along its derivatives, its statuses still hold.
-
-    Attributes:
-        points, active: see :class:`KnownStatuses`.
-        margins: force of closed conditions, and minus the slack of open ones, (S, m).
-        slopes: their derivatives along the parameters, (S, m, P).
     """
 
-    margins: Annotated[Floats, "statuses", "m"]
-    slopes: Annotated[Floats, "statuses", "m", "P"]
+    margins: Annotated[Floats, "statuses", "m"]  # force of closed conditions, and minus the slack of open ones, (S, m)
+    slopes: Annotated[Floats, "statuses", "m", "P"]  # their derivatives along the parameters, (S, m, P)
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:

@@ -29,13 +29,8 @@ the normal is tangential."""
 class QuadraticFacets(Protocol):
     """Facets of second order of a surface whose facets are the flat parts of these; a plug-in makes them."""
 
-    @property
-    def nodes(self) -> np.ndarray:
-        """Nodes of each facet, counted within the surface, (F, K)."""
-
-    @property
-    def corners(self) -> np.ndarray:
-        """Corners of each facet, (F, k)."""
+    nodes: np.ndarray  # nodes of each facet, counted within the surface, (F, K)
+    corners: np.ndarray  # corners of each facet, (F, k)
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those of these, (q, k)."""

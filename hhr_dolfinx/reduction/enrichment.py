@@ -23,6 +23,7 @@ from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.growing import GrowingColumns
 from hhr_dolfinx.linear.rows import Rows
+from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
@@ -165,20 +166,14 @@ def _candidates(problem, sets):
     rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
     slaves = problem.contact_slaves[sets.A_lambda]
     own = rows * (sets.A_c // problem.block_size == slaves[:, None])
-    partners = _unit(rows - own)
-    own = _unit(own)
+    partners = normalised(rows - own)
+    own = normalised(own)
     lonely = ~partners.any(axis=1)
     for k in np.flatnonzero(~lonely):
         others = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
         if (np.abs(own[others] @ own[k]) > 1 - DISTINCT).any():
             own[k] = 0.0
     return np.where(own.any(axis=1)[:, None], own, partners).T
-
-
-def _unit(rows: np.ndarray) -> np.ndarray:
-    """Rows scaled to length one; rows of zeros stay so."""
-    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-    return rows / np.where(lengths > 0, lengths, 1.0)
 
 
 @dataclass(frozen=True)

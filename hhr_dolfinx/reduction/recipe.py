@@ -39,7 +39,7 @@ MOST_LAYERS = 1000
 
 def _weights(sizes: np.ndarray) -> np.ndarray:
     """One over the norm of each column, 1 for columns of zeros."""
-    return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
+    return 1 / np.where(sizes > 0, sizes, 1.0)
 
 
 def _sizes(columns: np.ndarray, gram: csr_matrix | None, rows: Rows) -> np.ndarray:

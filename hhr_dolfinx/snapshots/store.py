@@ -12,10 +12,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, fields, replace
 from pathlib import Path
-from types import (
-    MappingProxyType,
-)
-from typing import TYPE_CHECKING, Any, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import issparse
@@ -75,39 +73,12 @@ SOLVED = 1e-2
 """Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8 times their size."""
 
 
-class StoredLaws(Protocol):
-    """Memory of laws of bodies in files: the facet ``store`` of a plug-in, a function of a full equilibrium.
+class StoredLaws:
+    """Memory of laws of bodies in files: what the facet ``store`` of a plug-in makes of a full equilibrium.
 
-    ``layout`` has the types and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
+    The methods here are those of elastic bodies, which remember nothing. ``layout`` has the types and sizes of the
+    arrays of an answer, by name, and ``sizes`` the values of these sizes.
     """
-
-    layout: Mapping[str, tuple[str, ...]]
-    sizes: Mapping[str, int]
-
-    def fingerprint(self) -> list[Any]:
-        """Arrays, numbers and texts that identify the laws, to which a digest is updated by :func:`add_to`."""
-
-    def query(self, point: np.ndarray) -> list[str]:
-        """Digests of what laws with formulas do at a point, (P,)."""
-
-    def arrays(self, answer: Answer) -> dict[str, Any]:
-        """Memory of an answer as arrays, by the names of the layout."""
-
-    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Parts of the memory of an answer, by name."""
-
-    def residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for unloaded bodies."""
-
-    def size(self, answer: Answer) -> float:
-        """Norm of the forces of an answer, for the residual of later steps."""
-
-    def is_large(self, answer: Answer) -> bool:
-        """True if the memory of such answers is better mapped from disk."""
-
-
-class _Elastic:
-    """Bodies without laws, which remember nothing."""
 
     layout: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     sizes: Mapping[str, int] = MappingProxyType({})
@@ -116,34 +87,41 @@ class _Elastic:
         self._problem = problem
 
     def fingerprint(self) -> list[Any]:
+        """Arrays, numbers and texts that identify the laws, to which a digest is updated by :func:`add_to`."""
         return []
 
     def query(self, point: np.ndarray) -> list[str]:
+        """Digests of what laws with formulas do at a point, (P,)."""
         return []
 
     def arrays(self, answer: Answer) -> dict[str, Any]:
+        """Memory of an answer as arrays, by the names of the layout."""
         return {}
 
     def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Parts of the memory of an answer, by name."""
         return {}
 
     def residual(self, answer: Answer, forces: float) -> float:
+        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for unloaded bodies."""
         problem = self._problem.at(answer.parameter)
         theta = self._problem.amplitudes(answer.parameter)
         opened = self._problem.law.opened(answer.memory)
         return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta, opened)))
 
     def size(self, answer: Answer) -> float:
+        """Norm of the forces of an answer, for the residual of later steps."""
         return 0.0
 
     def is_large(self, answer: Answer) -> bool:
+        """True if the memory of such answers is better mapped from disk."""
         return False
 
 
 def stored_laws(full: FullModel) -> StoredLaws:
     """Laws of the bodies of a full model, as files keep them."""
     if full.equilibrium is None:
-        return _Elastic(full.problem)
+        return StoredLaws(full.problem)
     made: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
     return made
 

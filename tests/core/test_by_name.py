@@ -112,8 +112,8 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
         "from contact_toys.laws import Newtonian; from contact_toys.parts import Ramp\n"
         "assert hhr.Newtonian is Newtonian and Kinds()['Ramp'] is Ramp and 'Newtonian' in hhr.__all__\n"
         "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'\n"
-        "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx.registry import listed\n"
-        "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"
+        "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx import registry\n"
+        "(write,) = map(registry.load, registry.installed()['contact_toys'].companions)\n"
         "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
     )
     python("-c", program, env=installed, cwd=tmp_path)

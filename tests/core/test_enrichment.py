@@ -105,7 +105,11 @@ def test_good_basis_is_left_alone(hertz, hertz_reduction):
 
 
 def test_enriched_model_is_solvable_where_the_plain_one_was_not(hertz, hertz_snapshots):
-    reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1)))
+    """One more layer brings in 9 contact nodes for 8 modes."""
+    recipe = hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1))
+    with pytest.raises(NotSolvableError, match=r"1\.67"):
+        hhr.build(hertz, hertz_snapshots, dataclasses.replace(recipe, enrichment=None))
+    reduction = hhr.build(hertz, hertz_snapshots, recipe)
     assert len(reduction.offline.enrichment.added) > 0 and reduction.offline.stability.kappa_B <= 10
     solution, reference = reduction.solve(0.3), hertz.solve(0.3).forces()[reduction.offline.sets.A_lambda]
     assert np.linalg.norm(solution.multipliers - reference) < 0.05 * np.linalg.norm(reference)

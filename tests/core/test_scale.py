@@ -17,8 +17,8 @@ from scipy.sparse import csc_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
-from hhr_dolfinx.full_order import full as full_order
 from hhr_dolfinx.linear import schur, sparse
+from hhr_dolfinx.models import full as full_order
 from hhr_dolfinx.models.exact import SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
 

@@ -99,9 +99,3 @@ def test_every_constant_refuses_or_warns(hertz_reduction, name, value, ends, sai
         spoiled = dataclasses.replace(good, **change)
         check_solvable(spoiled)
         check_stability(spoiled, TrustLimits())
-
-
-def test_dependent_contact_rows_are_refused(hertz, hertz_snapshots):
-    """One more layer brings in 9 contact nodes for 8 modes; without enrichment the model is refused."""
-    with pytest.raises(NotSolvableError, match=r"1\.67"):
-        hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-8, domain=hhr.Rid(1, 1), enrichment=None))

@@ -113,17 +113,6 @@ def test_nothing_held_out_is_said(hertz, hertz_snapshots):
     assert len(made.comparison.labels) == 31, "training solutions are compared instead"
 
 
-def test_warnings_of_refused_attempts_are_not_those_of_the_model(hertz, hertz_snapshots):
-    """The thesis' recipe is warned of at no layer and grown to two by a limit: only what holds of the last is said."""
-    recipe = dataclasses.replace(THESIS, domain=hhr.Rid(0, 4), trust=TrustLimits(refuse_dual=0.015, warn_dual=1e-6))
-    held_out = hhr.compute_snapshots(hertz, hertz.problem.parameters.random(60, 4))
-    with collected() as caught:
-        made = hhr.build(hertz, hertz_snapshots, recipe, held_out).offline
-    assert made.log.refused
-    said = [str(item.message) for item in caught if "the worst is at" in str(item.message)]
-    assert all(f"{made.comparison.dual.max():.0%}" in text for text in said)
-
-
 def test_points_held_out_look_where_contact_grazes():
     """A corner of 1 % of the box, which 100 random points missed for every second seed."""
     scene = demo.scene(**demo.QUICK_MESH)

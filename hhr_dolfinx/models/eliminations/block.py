@@ -57,11 +57,7 @@ class BlockElimination(Rebuilt, Elimination):
         return blocks_of(self.problem)
 
     def __call__(self, point: np.ndarray, kept: _Kept | None = None) -> CondensedContact:
-        """Eliminate at a point, (P,); ``kept`` has S of its stiffness if it is known.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """Eliminate at a point, (P,); ``kept`` has S of its stiffness if known. SingularError: K~ is singular there."""
         weights, loads = self._weights_and_loads(point)
         if kept is None:
             kept = self._kept(weights)

@@ -39,27 +39,20 @@ class HasEqualities(Protocol):
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
 class CondensedContact:
-    """The contact problem at one parameter without its primal unknown (n unknowns, m conditions).
+    """The contact problem at one parameter without its primal unknown (n unknowns, m conditions)."""
 
-    Attributes:
-        schur: S, (m, m).
-        free_slack: slack without contact forces, (m,).
-        free: the unknown without contact forces, (n,); empty if fields are computed on request.
-        pushed: response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k).
-        at_fixed_forces: maps forces and unknown to derivatives along the parameters at fixed forces: of the slack,
-            (m, P), and of the unknown, (n, P).
-        symmetric: whether S is symmetric.
-        kernel: motions of bodies that contact alone holds, which stay unknowns; None without any.
-        factored: stiffness that shares its equality problems on S with other points; None creates them on demand.
-    """
-
-    schur: np.ndarray
-    free_slack: np.ndarray
-    free: np.ndarray
+    schur: np.ndarray  # S, (m, m)
+    free_slack: np.ndarray  # slack without contact forces, (m,)
+    free: np.ndarray  # the unknown without contact forces, (n,); empty if fields are computed on request
+    # response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k)
     pushed: Callable[[np.ndarray], np.ndarray]
+    # maps forces and unknown to derivatives along the parameters at fixed forces: of the slack, (m, P), and of the
+    # unknown, (n, P)
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
+    # motions of bodies that contact alone holds, which stay unknowns; None without any
     kernel: CondensedKernel | None = None
+    # stiffness that shares its equality problems on S with other points; None creates them on demand
     factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
@@ -81,15 +74,10 @@ AnswerTable = Callable[[np.ndarray, ModelFields], Answer | None]
 
 
 class Elimination(ABC):
-    """Elimination of the primal unknown at any parameter; subclasses share work between parameters.
+    """Elimination of the primal unknown at any parameter; subclasses share work between parameters."""
 
-    Attributes:
-        shares_factors: whether points with the same statuses share all factors.
-        keeps_kernel: whether motions of bodies that contact alone holds stay unknowns.
-    """
-
-    shares_factors: ClassVar[bool] = False
-    keeps_kernel: ClassVar[bool] = False
+    shares_factors: ClassVar[bool] = False  # whether points with the same statuses share all factors
+    keeps_kernel: ClassVar[bool] = False  # whether motions of bodies that contact alone holds stay unknowns
 
     @abstractmethod
     def __call__(self, point: np.ndarray) -> CondensedContact:
@@ -132,34 +120,31 @@ def answer_of(
 
 
 def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
-    """An answer with its derivatives at its statuses; unchanged if it has no solution."""
+    """An answer with its derivatives at its statuses; unchanged if it has no solution.
+
+    Slack(mu, lambda) = 0 is differentiated on the active set: one more right-hand side for each parameter.
+    """
     if not answer.converged:
         return answer
-    from hhr_dolfinx.models.gradient import gradient_of
+    from hhr_dolfinx.models.gradient import Gradient, grazing
 
+    active = answer.active
     forces = answer.multipliers
     slack = contact.free_slack + contact.schur @ forces
-    fixed = contact.at_fixed_forces(forces, answer.unknown)
-    return answer._replace(
-        gradient=gradient_of(contact.equalities, answer.active, forces, slack, fixed, contact.pushed)
-    )
+    of_slack, of_unknown = contact.at_fixed_forces(forces, answer.unknown)
+    changes, opened = contact.equalities.several(active, of_slack)
+    gradient = Gradient(of_unknown - contact.pushed(changes), changes, grazing(active, forces, slack), opened)
+    return answer._replace(gradient=gradient)
 
 
 @dataclass(frozen=True)
 class Responses:
-    """Responses of the eliminated unknown (n unknowns, m conditions, 1 + T terms).
+    """Responses of the eliminated unknown (n unknowns, m conditions, 1 + T terms)."""
 
-    Attributes:
-        free_primal: primal unknown without contact forces, (n, 1 + T).
-        primal_per_force: K^-1 B^T, (n, m).
-        free_slack: slack without contact forces, (m, 1 + T).
-        schur: S = B K^-1 B^T, (m, m).
-    """
-
-    free_primal: Annotated[Floats, "unknowns", "terms"]
-    primal_per_force: Annotated[Floats, "unknowns", "m"]
-    free_slack: Annotated[Floats, "m", "terms"]
-    schur: Annotated[Floats, "m", "m"]
+    free_primal: Annotated[Floats, "unknowns", "terms"]  # primal unknown without contact forces, (n, 1 + T)
+    primal_per_force: Annotated[Floats, "unknowns", "m"]  # K^-1 B^T, (n, m)
+    free_slack: Annotated[Floats, "m", "terms"]  # slack without contact forces, (m, 1 + T)
+    schur: Annotated[Floats, "m", "m"]  # S = B K^-1 B^T, (m, m)
 
     @classmethod
     def eliminate(

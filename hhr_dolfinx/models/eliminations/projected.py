@@ -27,7 +27,6 @@ class ReducedTerms:
     moduli: Annotated[tuple[Modulus, ...], "parts"]  # amplitudes of the parts
 
     def __post_init__(self) -> None:
-        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -46,30 +45,23 @@ class ReducedProblem:
 
     A generalised saddle point (5.27): B~1 and B~2 differ if conditions of the RID touch its interface; otherwise they
     are equal and it is (1.61).
-
-    Attributes:
-        stiffness: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric.
-        contact_test: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): maps forces to loads.
-        contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): maps displacements to gaps.
-        loads: V[A]^T loads[A], (ell, 1 + T).
-        gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
-        pairs: number of the contact pair of each condition, (N_lambda_C,).
-        terms: parts of the stiffness if it depends on parameters; ``stiffness`` and ``loads`` are then those in the
-            middle of the box. None for a constant stiffness.
-        motions: number of modes, the first ones, that are rigid motions of bodies held by contact alone.
     """
 
+    # K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric
     stiffness: Annotated[Floats, "modes", "modes"]
+    # B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): maps forces to loads
     contact_test: Annotated[Floats, "conditions", "modes"]
+    # B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): maps displacements to gaps
     contact_trial: Annotated[Floats, "conditions", "modes"]
-    loads: Annotated[Floats, "modes", "terms"]
-    gaps: Annotated[Floats, "conditions", "terms"]
-    pairs: Annotated[Integers, "conditions"]
+    loads: Annotated[Floats, "modes", "terms"]  # V[A]^T loads[A], (ell, 1 + T)
+    gaps: Annotated[Floats, "conditions", "terms"]  # gaps[A_lambda], (N_lambda_C, 1 + T)
+    pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (N_lambda_C,)
+    # parts of the stiffness if it depends on parameters; `stiffness` and `loads` are then those in the middle of the
+    # box. None for a constant stiffness
     terms: ReducedTerms | None = None
-    motions: int = 0
+    motions: int = 0  # number of modes, the first ones, that are rigid motions of bodies held by contact alone
 
     def __post_init__(self) -> None:
-        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

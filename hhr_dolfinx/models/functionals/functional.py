@@ -73,17 +73,11 @@ class _Gradient(dict[str, np.ndarray]):
 
 
 class AllOutputs(ABC):
-    """All outputs of a scene; here as they are read where no parameter changes the shape.
+    """All outputs of a scene; here as they are read where no parameter changes the shape."""
 
-    Attributes:
-        axes: indices of the shape parameters.
-        items: one for each output, in the middle of the box.
-        amplitudes: θ as a function of the parameters.
-    """
-
-    axes: Any = _NOWHERE
-    items: tuple[Functional, ...]
-    amplitudes: Amplitudes
+    axes: Any = _NOWHERE  # indices of the shape parameters
+    items: tuple[Functional, ...]  # one for each output, in the middle of the box
+    amplitudes: Amplitudes  # θ as a function of the parameters
 
     @abstractmethod
     def at(self, point: np.ndarray) -> Functionals:
@@ -103,43 +97,25 @@ class AllOutputs(ABC):
 
 
 class State(NamedTuple):
-    """Arguments of an output.
+    """Arguments of an output."""
 
-    Attributes:
-        forces: on all contact conditions, (m,); empty if no output needs them.
-        measured: rows of the output times the displacement, (k,).
-        point: the parameter, (P,).
-        theta: amplitudes of all terms, (1 + T,).
-        stress: computes the stress where laws of bodies are evaluated.
-        memory: of the answer.
-    """
-
-    forces: np.ndarray
-    measured: np.ndarray
-    point: np.ndarray
-    theta: np.ndarray
-    stress: Callable[[], np.ndarray]
-    memory: Memory = NO_MEMORY
+    forces: np.ndarray  # on all contact conditions, (m,); empty if no output needs them
+    measured: np.ndarray  # rows of the output times the displacement, (k,)
+    point: np.ndarray  # the parameter, (P,)
+    theta: np.ndarray  # amplitudes of all terms, (1 + T,)
+    stress: Callable[[], np.ndarray]  # computes the stress where laws of bodies are evaluated
+    memory: Memory = NO_MEMORY  # of the answer
 
 
 class Slopes(NamedTuple):
-    """Partial derivatives of an output.
+    """Partial derivatives of an output."""
 
-    Attributes:
-        conditions: contact conditions whose forces the output depends on.
-        forces: along these forces.
-        measured: along its rows, (k,).
-        theta: along the amplitudes, (1 + T,), or empty.
-        point: along the parameters directly, (P,), or empty.
-        kink: whether they hold on one side only.
-    """
-
-    conditions: np.ndarray = _NOWHERE
-    forces: np.ndarray = _NOTHING
-    measured: np.ndarray = _NOTHING
-    theta: np.ndarray = _NOTHING
-    point: np.ndarray = _NOTHING
-    kink: bool = False
+    conditions: np.ndarray = _NOWHERE  # contact conditions whose forces the output depends on
+    forces: np.ndarray = _NOTHING  # along these forces
+    measured: np.ndarray = _NOTHING  # along its rows, (k,)
+    theta: np.ndarray = _NOTHING  # along the amplitudes, (1 + T,), or empty
+    point: np.ndarray = _NOTHING  # along the parameters directly, (P,), or empty
+    kink: bool = False  # whether they hold on one side only
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,19 +22,13 @@ _NOWHERE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True, eq=False)
 class Linear(Functional):
-    """Forces, displacement and amplitudes times weights.
+    """Forces, displacement and amplitudes times weights."""
 
-    Attributes:
-        conditions, weights: of the forces, (c,) each.
-        along: weights of its rows, (k,).
-        terms, coefficients: of the amplitudes, (t,) each.
-    """
-
-    conditions: Annotated[Integers, "conditions"]
-    weights: Annotated[Floats, "conditions"]
-    along: Annotated[Floats, "rows"]
-    terms: Annotated[Integers, "terms of it"]
-    coefficients: Annotated[Floats, "terms of it"]
+    conditions: Annotated[Integers, "conditions"]  # of the forces, (c,)
+    weights: Annotated[Floats, "conditions"]  # of these
+    along: Annotated[Floats, "rows"]  # weights of its rows, (k,)
+    terms: Annotated[Integers, "terms of it"]  # of the amplitudes, (t,)
+    coefficients: Annotated[Floats, "terms of it"]  # of these
 
     @classmethod
     def of(

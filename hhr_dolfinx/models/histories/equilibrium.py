@@ -28,17 +28,9 @@ if TYPE_CHECKING:
 class StressOutput(Protocol):
     """An output of the stress of some cells."""
 
-    @property
-    def name(self) -> str:
-        """Its name."""
-
-    @property
-    def unit(self) -> str:
-        """Its unit, as text."""
-
-    @property
-    def kind(self) -> str:
-        """``mean`` for the mean over the volume, otherwise the largest value."""
+    name: str  # its name
+    unit: str  # its unit, as text
+    kind: str  # ``mean`` for the mean over the volume, otherwise the largest value
 
 
 class Equilibrium(Protocol):
@@ -67,9 +59,7 @@ class Equilibrium(Protocol):
 class FullEquilibrium(Equilibrium, Protocol):
     """Equilibrium on the whole mesh."""
 
-    @property
-    def places(self) -> int:
-        """Number of places at which laws are evaluated."""
+    places: int  # number of places at which laws are evaluated
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation at these places, (places, components)."""

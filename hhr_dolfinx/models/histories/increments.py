@@ -29,17 +29,9 @@ CUTS = 12
 class Place(Protocol):
     """State of a history at the end of an increment; a law adds what it remembers."""
 
-    @property
-    def time(self) -> float:
-        """In seconds."""
-
-    @property
-    def point(self) -> np.ndarray:
-        """Parameter, (P,)."""
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Derivative of each parameter here along that of the whole history, (P,)."""
+    time: float  # in seconds
+    point: np.ndarray  # parameter, (P,)
+    weights: np.ndarray  # derivative of each parameter here along that of the whole history, (P,)
 
 
 class Target(NamedTuple):
@@ -59,21 +51,10 @@ class Target(NamedTuple):
 class Increment(Protocol):
     """A solved increment."""
 
-    @property
-    def status(self) -> Status:
-        """Why its search stopped."""
-
-    @property
-    def iterations(self) -> int:
-        """Equality problems solved."""
-
-    @property
-    def cycled(self) -> bool:
-        """See :class:`Answer`."""
-
-    @property
-    def reached(self) -> Any:
-        """Place at its end."""
+    status: Status  # why its search stopped
+    iterations: int  # equality problems solved
+    cycled: bool  # see :class:`Answer`
+    reached: Any  # place at its end
 
 
 P = TypeVar("P", bound=Place)

@@ -17,16 +17,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # one for each query, as CondensedContact
 class Floating:
-    """Rigid motions of bodies that contact alone holds; they stay unknowns after elimination (r motions).
-
-    Attributes:
-        equalities: equality problems on S with the motions.
-        driving: loads along the motions, (r,).
-        modes: the motions as primal unknowns, (n, r).
-        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
-    """
+    """Rigid motions of bodies that contact alone holds: a :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""
 
     equalities: FloatingEqualities
     driving: np.ndarray

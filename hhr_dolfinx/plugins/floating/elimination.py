@@ -24,27 +24,20 @@ from hhr_dolfinx.plugins.floating.condensed import Floating
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 
 Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Maps the unknown to derivatives of slack, unknown and balance."""
 
 
 @dataclass(frozen=True, eq=False)
 class FloatingElimination(Rebuilt, Elimination):
-    """Eliminated problem at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
-
-    Attributes:
-        responses: of the pinned unknown.
-        taken: change of the slack by the motions, B R, (m, r).
-        driving: loads along the motions, (r, 1 + T).
-        modes: the motions as unknowns, (n, r).
-        amplitudes: θ as a function of the parameters.
-    """
+    """Eliminated problem at one stiffness (n unknowns, m conditions, r motions, 1 + T terms)."""
 
     keeps_kernel: ClassVar[bool] = True
 
-    responses: Responses
-    taken: Annotated[Floats, "m", "motions"]
-    driving: Annotated[Floats, "motions", "terms"]
-    modes: Annotated[Floats, "unknowns", "motions"]
-    amplitudes: Amplitudes
+    responses: Responses  # of the pinned unknown
+    taken: Annotated[Floats, "m", "motions"]  # change of the slack by the motions, B R, (m, r)
+    driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
+    modes: Annotated[Floats, "unknowns", "motions"]  # the motions as unknowns, (n, r)
+    amplitudes: Amplitudes  # θ as a function of the parameters
 
     @cached_property
     def equalities(self) -> FloatingEqualities:
@@ -52,13 +45,7 @@ class FloatingElimination(Rebuilt, Elimination):
         return FloatingEqualities(self.responses.schur, self.taken)
 
     def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
-        """Contact problem at a point, (P,).
-
-        Args:
-            point: parameters.
-            changed: maps the unknown to derivatives of slack, unknown and balance at fixed forces and motions; None
-                for a constant stiffness.
-        """
+        """Contact problem at a point, (P,); ``changed``: derivatives at fixed forces and motions, if K varies."""
         theta = self.amplitudes(point)
         left = self.responses
         changes = partial(self._changes, point) if changed is None else changed
@@ -79,15 +66,10 @@ class FloatingElimination(Rebuilt, Elimination):
 
 @dataclass(frozen=True)
 class ReducedFloatingElimination(Elimination):
-    """Eliminates gamma of a reduced problem at any parameter; once if its stiffness is constant.
+    """Eliminates gamma of a reduced problem at any parameter; once if its stiffness is constant."""
 
-    Attributes:
-        problem: the projected problem, with its motions.
-        amplitudes: θ as a function of the parameters.
-    """
-
-    problem: ReducedProblem
-    amplitudes: Amplitudes
+    problem: ReducedProblem  # the projected problem, with its motions
+    amplitudes: Amplitudes  # θ as a function of the parameters
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,)."""

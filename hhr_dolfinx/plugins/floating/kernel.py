@@ -41,20 +41,14 @@ NO_WORK = 1e-9
 
 @dataclass(eq=False)
 class RigidKernel:
-    """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; m conditions, 1 + T terms. The class is the tool ``kernel``.
-
-    Attributes:
-        motions, idle, pins, described: see there.
-        contact_of_motions: G = B R, (m, r).
-        loads: loads along the motions, (r, 1 + T), the same for every stiffness.
-    """
+    """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; m conditions, 1 + T terms. The class is the tool ``kernel``."""
 
     motions: np.ndarray
     idle: np.ndarray
     pins: np.ndarray
     described: str
-    contact_of_motions: np.ndarray
-    loads: np.ndarray
+    contact_of_motions: np.ndarray  # G = B R, (m, r)
+    loads: np.ndarray  # along the motions, (r, 1 + T), the same for every stiffness
     _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
 
     @classmethod

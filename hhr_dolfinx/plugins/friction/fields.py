@@ -86,11 +86,11 @@ class FrictionalFields:
 
     @property
     def whole(self) -> Friction:
-        """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
+        """See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`."""
         return self.friction
 
     def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
-        """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
+        """See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`."""
         law: Any = problem.law
         bounds_ = zip(self.friction.bounds(point), law.bounds(point), strict=True)
         mark = mark_of(problem)

@@ -12,17 +12,12 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, SLIPS, STICKS
 
 @dataclass(frozen=True, eq=False)
 class Remembered(Functional):
-    """Slip path, work or wear of some contacts, times a factor: the largest value, or the sum.
-
-    Attributes:
-        contacts: numbers of contacts with friction, (c,).
-        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.plugins.friction.laws.SlipState`.
-    """
+    """Slip path, work or wear of some contacts, times a factor: the largest value, or the sum."""
 
     differentiable: ClassVar[bool] = False
 
-    contacts: Annotated[Integers, "contacts"]
-    quantity: str
+    contacts: Annotated[Integers, "contacts"]  # numbers of contacts with friction, (c,)
+    quantity: str  # `path`, `work` or `wear`, see SlipState
     factor: float
     largest: bool
 

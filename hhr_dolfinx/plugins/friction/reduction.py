@@ -19,6 +19,7 @@ from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.interface import Reduction
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid
+from hhr_dolfinx.reduction.reductor import MOST_TRAINING_COMPARED
 from hhr_dolfinx.timing import StageLog
 
 FORCES = 1e-6
@@ -31,8 +32,6 @@ EXPLAINED = 1e-9
 """Part of the forces unexplained by modes that counts as round-off."""
 MOST_SHARE = 1e3
 """Error per part of the forces unexplained by modes, above which that part is arbitrary."""
-MOST_TRAINING_COMPARED = 50
-"""Approximate number of training solutions that are compared if none were held out."""
 FURTHER = Enrich(2.0)
 """Enrichment of the usual recipe if its usual enrichment leaves contact rows dependent: only friction then holds a
 body, and forces of sticking contacts need modes without its rigid motions."""

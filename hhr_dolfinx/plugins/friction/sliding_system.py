@@ -198,10 +198,7 @@ class SlidingSystems:
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
 
-        Args:
-            at: the statuses.
-            right: right-hand sides.
-            label: key of the coefficients.
+        ``label`` is the key of the coefficients.
 
         Raises:
             SingularError: if they are undetermined.

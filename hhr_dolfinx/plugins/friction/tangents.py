@@ -19,6 +19,7 @@ from hhr_dolfinx.contact.law import MeshArrays
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
+from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
 PARALLEL = 1e-9
@@ -197,8 +198,7 @@ def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.nda
     own = node == slaves[entries.row]
     found = np.zeros((matrix.shape[0], dimension))
     found[entries.row[own], component[own]] = entries.data[own]
-    lengths = np.linalg.norm(found, axis=1)
-    return found / np.where(lengths > 0, lengths, 1.0)[:, None]
+    return normalised(found)
 
 
 def tangents_of(normals: np.ndarray) -> np.ndarray:

@@ -55,21 +55,13 @@ the three, and the share of the area of each (D. A. Dunavant, Int. J. Numer. Met
 
 
 class Segments(NamedTuple):
-    """Quadrature over the common parts of slave and master facets.
+    """Quadrature over the common parts of slave and master facets."""
 
-    Attributes:
-        slave: slave facet of each quadrature point, (q,).
-        master: master facet of each, (q,).
-        slave_values: shape functions of the slave facet, (q, k).
-        master_values: shape functions of the master facet, (q, l).
-        measures: quadrature weight times the weight of the surface measure, (q,).
-    """
-
-    slave: np.ndarray
-    master: np.ndarray
-    slave_values: np.ndarray
-    master_values: np.ndarray
-    measures: np.ndarray
+    slave: np.ndarray  # slave facet of each quadrature point, (q,)
+    master: np.ndarray  # master facet of each, (q,)
+    slave_values: np.ndarray  # shape functions of the slave facet, (q, k)
+    master_values: np.ndarray  # shape functions of the master facet, (q, l)
+    measures: np.ndarray  # quadrature weight times the weight of the surface measure, (q,)
 
 
 def common_parts(

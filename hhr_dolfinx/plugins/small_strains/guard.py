@@ -36,7 +36,6 @@ class StrainGuard(Guard):
     scalar product.
 
     Args:
-        problem: the problem that is solved.
         axisymmetric: whether strains have a hoop component.
     """
 

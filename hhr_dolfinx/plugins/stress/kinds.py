@@ -17,22 +17,14 @@ from hhr_dolfinx.models.functionals.kinds import tied
 
 @dataclass(frozen=True, eq=False)
 class Mises(Functional):
-    """Von Mises' stress of elastic cells: rows are the strain at their midpoints, Kelvin's notation, cell by cell.
+    """Von Mises' stress of elastic cells: rows are the strain at their midpoints, Kelvin's notation, cell by cell."""
 
-    Attributes:
-        names: of the parameters.
-        volume, shape: λ' and μ' as formulas, see :func:`hhr_dolfinx.forms.elasticity.isotropic_parts`.
-        plane_stress: whether the stress across the plane vanishes.
-        grading: factor of the moduli of each cell, (cells,).
-        shares: of each cell in the mean, (cells,); empty for the largest value.
-    """
-
-    names: tuple[str, ...]
-    volume: str
-    shape: str
-    plane_stress: bool
-    grading: Annotated[Floats, "cells"]
-    shares: Annotated[Floats, "shares"]
+    names: tuple[str, ...]  # of the parameters
+    volume: str  # λ' as a formula, see forms.elasticity.isotropic_parts
+    shape: str  # μ' as a formula
+    plane_stress: bool  # whether the stress across the plane vanishes
+    grading: Annotated[Floats, "cells"]  # factor of the moduli of each cell, (cells,)
+    shares: Annotated[Floats, "shares"]  # of each cell in the mean, (cells,); empty for the largest value
 
     def __post_init__(self) -> None:
         _ = self._moduli  # refuse unreadable formulas here
@@ -95,30 +87,20 @@ class Energy(Functional):
     """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 
     In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero.
-
-    Attributes:
-        names: of the parameters.
-        moduli: of the parts of K, as formulas.
-        terms: of θ by which each row is multiplied, (k,).
-        parts: number of the modulus of each row, (k,); -1 for a load, which has none.
-        lifted: terms that impose displacements, (l,).
-        lifts: lift·K_q lift of each part, (Q, l, l).
-        gap_terms: terms on which gaps depend, (g,).
-        gaps: D, (m, g).
-        own: rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are non-zero on the
-            imposed dofs alone.
     """
 
     uses_forces: ClassVar[bool] = True
 
-    names: tuple[str, ...]
-    moduli: tuple[str, ...]
-    terms: Annotated[Integers, "rows"]
-    parts: Annotated[Integers, "rows"]
-    lifted: Annotated[Integers, "lifted"]
-    lifts: Annotated[Floats, "parts", "lifted", "lifted"]
-    gap_terms: Annotated[Integers, "gap terms"]
-    gaps: Annotated[Floats, "conditions", "gap terms"]
+    names: tuple[str, ...]  # of the parameters
+    moduli: tuple[str, ...]  # of the parts of K, as formulas
+    terms: Annotated[Integers, "rows"]  # of θ by which each row is multiplied, (k,)
+    parts: Annotated[Integers, "rows"]  # number of the modulus of each row, (k,); -1 for a load, which has none
+    lifted: Annotated[Integers, "lifted"]  # terms that impose displacements, (l,)
+    lifts: Annotated[Floats, "parts", "lifted", "lifted"]  # lift·K_q lift of each part, (Q, l, l)
+    gap_terms: Annotated[Integers, "gap terms"]  # terms on which gaps depend, (g,)
+    gaps: Annotated[Floats, "conditions", "gap terms"]  # D, (m, g)
+    # rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are non-zero on the
+    # imposed dofs alone
     own: Annotated[Floats, "rows", "lifted"]
 
     def __post_init__(self) -> None:

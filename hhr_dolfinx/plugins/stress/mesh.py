@@ -103,7 +103,8 @@ def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: in
     """
     first = sum(discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
-    return _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
+    parts = discretisation.group.gathered(_tabulated(discretisation, own.astype(np.int32), place))
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
 def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
@@ -136,11 +137,6 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
     dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes
-
-
-def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-    """Arrays of the cells of all ranks, concatenated."""
-    return [np.concatenate(part) for part in zip(*discretisation.group.gathered(parts), strict=True)]
 
 
 def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:

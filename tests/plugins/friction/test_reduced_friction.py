@@ -335,12 +335,6 @@ def test_what_is_no_safe_model(training, model):
             hhr.FallbackModel(model, other, of="forces")
 
 
-@needs("local")
-def test_local_models_of_histories_are_refused(training):
-    with pytest.raises(NotOfferedError, match="one model of these histories"):
-        training.local(hhr.Clusters(2))
-
-
 @needs("fallback")
 def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, monkeypatch):
     full = training.full_order

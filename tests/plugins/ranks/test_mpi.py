@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.full_order import full as limits
+from hhr_dolfinx.models import full as limits
 from hhr_dolfinx.linear import factors, sparse
 out, pairing = {{}}, hhr.Mortar if present("mortar") else hhr.NodeToSurface
 def note(name, answer):
