@@ -14,7 +14,7 @@ Each model is trained on 24 paths of a family, ``PathFamily.training``, and comp
 Sobol sequence. The error of a path is that of its worst step, relative to the largest size of the quantity on this
 path: displacement (L2 norm), contact forces of all nodes, radial stress and all components of the inelastic strain at
 all integration points (Euclidean norms). Times are those of whole marches in turns on one processor, full by the
-fastest of its search operators on each path. Both have the same steps, whose error in time is not part of the
+search operator that is the fastest on the first path. Both have the same steps, whose error in time is not part of the
 comparison.
 """
 
@@ -45,13 +45,9 @@ from hhr_dolfinx.plugins.inelastic.state import state
 QUANTITIES = ("displacement", "forces", "sigma_rr", "inelastic_strain")
 BARS = {"displacement": 0.01, "forces": 0.05, "sigma_rr": 0.03, "inelastic_strain": 0.03}
 """Errors below which 95 % of the unseen paths should be."""
-MESH = {"radial_cells": 48, "axial_cells": 80, "cladding_radial_cells": 8, "cladding_axial_cells": 60}
-QUICK_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 TRAINING, UNSEEN, QUICK_UNSEEN = 24, 40, 6
 TOP = {"P1": 300.0, "power": 1200.0}
 """Largest pressure in MPa, and largest temperature of the axis of the pellet above that of its surface in K."""
-SLOW = 1.1
-"""Search operators that take so much longer than the fastest one on the first path are left out on the others."""
 
 
 def pressed(law: hhr.Law | None = None) -> Callable[..., hhr.Scene]:
@@ -92,6 +88,7 @@ class Case:
         gaps: smallest and largest gap in um.
         least: smallest part of the largest load.
         faster: factor by which a condensed march should be faster.
+        cells: size of the mesh, as a multiple of the coarsest one.
     """
 
     scene: Callable[..., hhr.Scene]
@@ -101,6 +98,12 @@ class Case:
     gaps: tuple[float, float]
     least: float
     faster: float
+    cells: int
+
+    def mesh(self, quick: bool) -> dict[str, int]:
+        """Cells along the sides of pellet and cladding."""
+        names = ("radial_cells", "axial_cells", "cladding_radial_cells", "cladding_axial_cells")
+        return {name: count * (1 if quick else self.cells) for name, count in zip(names, (12, 20, 2, 15), strict=True)}
 
 
 def family(space: hhr.ParameterSpace, case: Case) -> hhr.PathFamily:
@@ -118,14 +121,32 @@ def family(space: hhr.ParameterSpace, case: Case) -> hhr.PathFamily:
     return hhr.PathFamily(f"{load} up, held, down", space, own, start, (up, *holds, down))
 
 
-PRESSED = {"load": "P1", "seconds": 1.0, "hold": (-4.0, 0.0), "gaps": (5.0, 15.0), "least": 0.4, "faster": 50.0}
-POWER = {"load": "power", "seconds": 100.0, "hold": (-1.0, 3.0), "gaps": (4.0, 10.0), "least": 0.5, "faster": 30.0}
+PRESSED = {
+    "load": "P1",
+    "seconds": 1.0,
+    "hold": (-4.0, 0.0),
+    "gaps": (5.0, 15.0),
+    "least": 0.4,
+    "faster": 50.0,
+    "cells": 4,
+}
+POWER = {
+    "load": "power",
+    "seconds": 100.0,
+    "hold": (-1.0, 3.0),
+    "gaps": (4.0, 10.0),
+    "least": 0.5,
+    "faster": 30.0,
+    "cells": 3,
+}
 CASES: dict[str, Case] = {
     "linear": Case(pressed(), **PRESSED),
     "Chaboche": Case(pressed(hhr.Chaboche(80.0, ((2e4, 200.0), (1e3, 0.0)))), **PRESSED),
     "power": Case(heated, **POWER),
 }
-SETTINGS = CorrectionSettings(modes=1.6e-3, cubature=2e-3, stability=0.1, attempts=2)
+SETTINGS = CorrectionSettings(modes=2e-3, cubature=2e-3, stability=0.1, attempts=1)
+"""Half of the usual tolerance of the modes, and a looser fit of their energies: a model twice as fast as the usual one
+after its second attempt, which has half of its errors."""
 
 
 def inelastic(answer: Answer) -> np.ndarray:
@@ -187,7 +208,8 @@ def compared(full: hhr.FullOrderModel, model: Any, paths: list[Any]) -> tuple[np
         errors.append(worst_steps(full, found, exact) if found and exact else np.full(len(QUANTITIES), np.inf))
         times.append((min(taken.values(), default=np.nan), float(np.median(small))))
         if len(times) == 1:
-            ways = {search: ways[search] for search in taken if taken[search] <= SLOW * times[0][0]}
+            fastest = min(taken, key=taken.__getitem__)
+            ways = {fastest: ways[fastest]}
         click.echo(".", nl=len(times) == len(paths), err=True)
     return np.array(errors), np.array(times)
 
@@ -195,7 +217,7 @@ def compared(full: hhr.FullOrderModel, model: Any, paths: list[Any]) -> tuple[np
 def measured(name: str, quick: bool, folder: Path | None) -> dict[str, Any]:
     """Results of a case."""
     case = CASES[name]
-    scene = case.scene(**(QUICK_MESH if quick else MESH))
+    scene = case.scene(**case.mesh(quick))
     paths = family(scene.parameters, case)
     start = time.perf_counter()
     training = hhr.train(
