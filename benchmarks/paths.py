@@ -145,8 +145,8 @@ CASES: dict[str, Case] = {
     "power": Case(heated, **POWER),
 }
 SETTINGS = CorrectionSettings(modes=2e-3, cubature=2e-3, stability=0.1, attempts=1)
-"""Half of the usual tolerance of the modes, and a looser fit of their energies: a model twice as fast as the usual one
-after its second attempt, which has half of its errors."""
+"""In the linear case 37 modes. With 70 modes, a smaller tolerance, the errors of forces at 95 % of the paths are 2.5
+instead of 3.9 %, and marches take twice as long."""
 
 
 def inelastic(answer: Answer) -> np.ndarray:
