@@ -108,13 +108,16 @@ class Case:
 
 def family(space: hhr.ParameterSpace, case: Case) -> hhr.PathFamily:
     """Up to a part of the largest load, a hold whose steps grow like decades, and down again."""
-    load, seconds = case.load, case.seconds
+    load = case.load
     names = ("gap", "top", "log_rate", "log_hold", "back")
-    (narrow, wide), least, (short, long) = case.gaps, case.least, case.hold
+    narrow, wide = case.gaps
+    short, long = case.hold
+    least = case.least
     own = hhr.ParameterSpace(names, (narrow, least, 0.0, short, 0.0), (wide, 1.0, 2.0, long, 1.0))
     start = {load: 0.0, "h1": pellet.HEIGHT, "gap": "gap * 1e-3"}
     start = {name: start[name] for name in space.names}
-    top, most = f"{TOP[load]} * top", f"{seconds} * 10**-log_rate"
+    top = f"{TOP[load]} * top"
+    most = f"{case.seconds} * 10**-log_rate"
     holds = tuple(hhr.Leg({}, f"{share} * 10**log_hold", 4) for share in (0.01, 0.09, 0.9))
     up = hhr.Leg({load: top}, f"top * {most}", "20 * top")
     down = hhr.Leg({load: f"{top} * (1 - back)"}, f"top * back * {most}", "20 * top * back")

@@ -312,7 +312,8 @@ def _cycled(path: NamedPath, cycles: int) -> NamedPath:
     pairs = list(path)
     for _ in range(cycles - 1):
         for way in (path[::-1], path):
-            turn, first = pairs[-1][0], way[0][0]
+            turn = pairs[-1][0]
+            first = way[0][0]
             pairs += [(turn + abs(time - first), point) for time, point in way[1:]]
     name = path.name if cycles == 1 else f"{cycles} cycles of {path.name}"
     return NamedPath(pairs, name, path.values)
