@@ -121,7 +121,8 @@ class PlasticFields:
 
         The residual of the fit, (I - H) ε_p, is far less than elsewhere; (I - H_ii)^-1 predicts a point without itself.
         """
-        left = plastic - (self.shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
+        values = plastic.ravel()
+        left = (values - self.spanned @ (self.spanned.T @ values)).reshape(plastic.shape)
         return np.einsum("nij,nj->ni", self.without, left)
 
     @cached_property
@@ -130,6 +131,12 @@ class PlasticFields:
         rows = np.searchsorted(self.flowed, self.points)
         modes = self.plastic.modes.reshape(self.flowed.size, self.strain.components, -1)
         return modes[rows].reshape(rows.size * self.strain.components, -1)
+
+    @cached_property
+    def spanned(self) -> np.ndarray:
+        """Orthonormal basis of these modes: half of the memory that a product with the modes and their fit reads."""
+        basis, sizes, _ = np.linalg.svd(self.shown, full_matrices=False)
+        return np.ascontiguousarray(basis[:, sizes > np.finfo(float).eps * sizes.max(initial=0.0)])
 
     @cached_property
     def without(self) -> np.ndarray:

@@ -141,9 +141,9 @@ class TimeError:
         tangents = law.update(strain, old, dt, material.given[place], tangent=True).tangents
         rest = self.rate[k] if self.rate is not None else _rate(law, material, before, self.bodies[k], dt)
         added = (flowed - dt * rest) / 2
-        damping = tangents @ material.given[place].compliance
-        error = np.einsum("nij,nj->ni", damping, self.error[k] + added)
-        kept = np.einsum("nij,nj->ni", damping, added)
+        compliance = material.given[place].compliance
+        error = np.einsum("nij,nj->ni", tangents, (self.error[k] + added) @ compliance.T)
+        kept = np.einsum("nij,nj->ni", tangents, added @ compliance.T)
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 

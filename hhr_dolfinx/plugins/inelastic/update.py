@@ -189,6 +189,7 @@ class Material:
             found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
             found._laws = {}
             found._given = ()
+            found._code = elastic.code  # programs are the same for any constants
             return found
 
         return self._at_points.of(point.tobytes(), made)

@@ -197,7 +197,9 @@ class PathFamily:
             points = self.own.points(table)
         return [self.path(point) for point in points]
 
-    def training(self, count: int, seed: int = 1) -> list[NamedPath]:
+    def training(
+        self, count: int, seed: int = 1, *, least_part: float = LEAST_PART, cycles: int = 1
+    ) -> list[NamedPath]:
         """Training paths: corners of the family parameters, then points inside, every other one at a part load.
 
         The largest plastic strains occur at corners, which points inside never reach: on two rollers 5 % of all paths,
@@ -211,10 +213,16 @@ class PathFamily:
         Args:
             count: number of paths; powers of 2 are best.
             seed: seed of the sampling.
+            least_part: smallest part load, in (0, 1]. 1 leaves them out, for families with a load level of their own.
+            cycles: number of times that each path is followed; between two times it is followed back to its start.
 
         Raises:
-            ParameterError: for an invalid count or seed, and as :meth:`path`.
+            ParameterError: for an invalid count, seed, part or number of cycles, and as :meth:`path`.
         """
+        if not (is_number(least_part) and 0 < least_part <= 1 and is_whole(cycles, 1)):
+            raise ParameterError(
+                f"least_part = {least_part!r} must be a fraction in (0, 1], cycles = {cycles!r} a whole number from 1"
+            )
         size = len(self.own.names)
         axes = tuple(map(str, range(size + 1)))  # the last one is the part of the load
         drawn = Sobol(count, seed).points(ParameterSpace(axes, (0.0,) * len(axes), (1.0,) * len(axes)))
@@ -227,8 +235,8 @@ class PathFamily:
         paths = [self.path(np.where(corner, upper, lower)) for corner in corners]
         for number, unit in enumerate(drawn[: count - len(paths)]):
             path = self.path(lower + unit[:size] * (upper - lower))
-            paths.append(_part_of(path, LEAST_PART ** unit[size]) if number % 2 else path)
-        return paths
+            paths.append(_part_of(path, least_part ** unit[size]) if number % 2 and least_part < 1 else path)
+        return [_cycled(path, cycles) for path in paths]
 
     @cached_property
     def _formulas(self) -> tuple[_Formulas, ...]:
@@ -297,6 +305,18 @@ def _part_of(path: NamedPath, share: float) -> NamedPath:
     time, start = path[0]
     pairs = [(time + share * (there - time), start + share * (point - start)) for there, point in path]
     return NamedPath(pairs, f"{share:.2g} of {path.name}", {**path.values, "part": share})
+
+
+def _cycled(path: NamedPath, cycles: int) -> NamedPath:
+    """Path that is followed ``cycles`` times, and backwards between two times, at the same rates."""
+    pairs = list(path)
+    for _ in range(cycles - 1):
+        for way in (path[::-1], path):
+            turn = pairs[-1][0]
+            first = way[0][0]
+            pairs += [(turn + abs(time - first), point) for time, point in way[1:]]
+    name = path.name if cycles == 1 else f"{cycles} cycles of {path.name}"
+    return NamedPath(pairs, name, path.values)
 
 
 class _Formulas(NamedTuple):

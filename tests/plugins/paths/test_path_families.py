@@ -72,6 +72,26 @@ def test_training_takes_corners_first_and_part_loads(count, corners):
         assert np.diff(times) == pytest.approx(share * np.diff(whole_times))  # as fast as the whole path
 
 
+def test_training_without_part_loads_and_in_cycles():
+    """A family with a load level of its own needs no part loads; a cycle goes back at the rates of the path."""
+    plain, whole = family().training(16), family().training(16, least_part=1.0)
+    assert not any("part" in path.values for path in whole) and whole[0] == plain[0]
+    assert len([path for path in whole if path in plain]) == 12  # corners, and every other one of eight inside
+    assert all(path.values["part"] >= 0.5 for path in family().training(16, least_part=0.5)[9::2])
+    once, thrice = whole[3], family().training(16, least_part=1.0, cycles=3)[3]
+    (times, points), (whole_times, whole_points) = arrays(once), arrays(thrice)
+    steps = np.diff(times)
+    assert np.diff(whole_times) == pytest.approx(np.concatenate([steps, *([steps[::-1], steps] * 2)]))
+    assert np.array_equal(whole_points, np.concatenate([points, *([points[-2::-1], points[1:]] * 2)]))
+    assert thrice.name == f"3 cycles of {once.name}" and thrice.values == once.values
+
+
+@pytest.mark.parametrize("options", [{"least_part": 0.0}, {"least_part": 2.0}, {"cycles": 0}, {"cycles": 1.5}])
+def test_parts_and_cycles_that_cannot_be(options):
+    with pytest.raises(ParameterError, match=r"least_part = .* must be a fraction in \(0, 1\], cycles = "):
+        family().training(4, **options)
+
+
 def test_legs_that_take_no_time_are_left_out():
     """Steps by a formula are rounded, and one at least."""
     assert [len(family().path([10.0, 0.0, back])) - 5 for back in (0.01, 0.3, 0.45, 1.0)] == [1, 1, 2, 4]
