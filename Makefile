@@ -90,7 +90,7 @@ laws: setup
 
 # errors and times of condensed models on unseen load paths, twenty minutes on an idle core
 paths: setup
-	.venv/bin/python benchmarks/paths.py --report report.json
+	.venv/bin/python benchmarks/unseen_paths.py --report report.json
 
 extreme: setup
 	.venv/bin/python benchmarks/extreme_cases.py

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 class Kernel(Protocol):
     """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing)."""
 
-    described: str  # the bodies that contact holds, with their motions
-    pins: np.ndarray  # dofs that fix all motions, (r + l,)
+    described: str  # the bodies that contact holds, and how they can move
+    pins: np.ndarray  # dofs that fix them all, (r + l,)
     motions: np.ndarray  # orthonormal motions that contact resists, (N, r)
-    idle: np.ndarray  # orthonormal motions without loads and resistance, (N, l), which answers do not have
+    idle: np.ndarray  # the same without loads and resistance, (N, l), which answers do not have
 
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
@@ -49,9 +49,9 @@ class Kernel(Protocol):
 class CondensedKernel(Protocol):
     """Motions as unknowns of one condensed contact problem (n unknowns, m conditions)."""
 
-    equalities: Any  # equality problems on S with the motions
-    driving: np.ndarray  # loads along the motions, (r,)
-    modes: np.ndarray  # the motions as primal unknowns, (n, r)
+    equalities: Any  # equality problems on S with them
+    driving: np.ndarray  # loads along them, (r,)
+    modes: np.ndarray  # they as primal unknowns, (n, r)
 
     def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
         """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""

@@ -50,7 +50,7 @@ class Group:
 
     def elasticity(self, components: int) -> np.ndarray:
         """C, (c, c), for which E must be a number."""
-        if self.law is not None:
+        if self.law is not None and self.law.strains == components:  # else a fault, which a file is refused for
             return self.law.elasticity(_number(self), self.poisson)[0]
         return hooke(_number(self), self.poisson, components)[0]
 

@@ -1,6 +1,6 @@
 """Unseen load paths: errors of condensed models trained on at most 24 paths, and how much faster they are.
 
-    python benchmarks/paths.py [--report report.json] [--quick] [--case NAME] [--folder DIR]
+    python benchmarks/unseen_paths.py [--report report.json] [--quick] [--case NAME] [--folder DIR]
 
 A pellet that yields in a cladding that creeps, as in pellet_cladding_plastic.py. Three cases:
 
