@@ -236,7 +236,7 @@ def check_elasticity(young: Sequence[str], names: Sequence[str], path: Path) -> 
             raise ParameterError(
                 f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
                 f"and Young's modulus depends on it ({', '.join(texts)}): elasticity must be the same along a history. "
-                f"Keep {name} as it is along the path, or let constants of laws alone depend on it"
+                f"Keep {name} as it is along the path, or state the modulus in the law hhr.ChangingStiffness"
             )
 
 

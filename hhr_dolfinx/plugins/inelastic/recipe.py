@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
+from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid, Truncated
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -39,9 +39,10 @@ class FlowDeim(Truncated):
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; empty without plastic strain in training."""
-        if not flowed(snapshots):
+        known = [item.state.cumulated for item in states_of(snapshots)]
+        if not any(values.any() for values in known):
             return np.zeros(0, dtype=np.int64)
-        cumulated = np.stack([item.state.cumulated for item in states_of(snapshots)], axis=1)
+        cumulated = np.stack(known, axis=1)
         return nodes_of_values(problem, cumulated, self.tolerance)
 
 
