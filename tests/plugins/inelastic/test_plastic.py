@@ -17,9 +17,11 @@ from tubes import POISSON, YOUNG, in_time, tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
     ConvergenceError,
+    NotOfferedError,
     SceneError,
 )
 from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.models.histories.equilibrium import SEARCHES
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.law import State, program_of
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
@@ -311,6 +313,21 @@ def test_a_strip_in_plane_stress_is_a_bar(name):
     assert found[1] == pytest.approx(found[0], rel=1e-6)
     with pytest.raises(SceneError, match="elasticity of its own"):
         hhr.FullOrderModel(dataclasses.replace(bar(hhr.Orthotropic(*WOOD)), hypothesis="plane_stress"))
+
+
+@pytest.mark.filterwarnings("ignore:no training solution has contact")
+def test_flow_that_is_not_associated_is_found_by_all_searches():
+    """Its tangents are not symmetric, of which the factors of full models take the symmetric part."""
+    full = hhr.FullOrderModel(tube(hhr.DruckerPrager(1.0, 0.3, 0.05, 20.0), 0.9))
+    answers = []
+    for search in SEARCHES:
+        tight = hhr.MarchSettings(search, 1e-9, 1e-9, 1e-9, iterations=200)
+        answers.append(full.march(up(0.9), tight).answers[-1])
+    assert answers[0].plastic_strain().max() > 1e-3
+    for other in answers[1:]:
+        assert other.displacement() == pytest.approx(answers[0].displacement(), rel=1e-6)
+    with pytest.raises(NotOfferedError, match="need symmetric tangents"):
+        full.march(up(0.9), hhr.MarchSettings("tangent", 1e-9, 1e-9, 1e-9, gradient=True))
 
 
 @pytest.mark.parametrize("simplices", [False, True])
