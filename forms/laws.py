@@ -44,7 +44,8 @@ class Stated(NamedTuple):
     trial: Expr | None = None  # positive where unknowns must be solved for; None if that is everywhere
     start: Mapping[str, Expr] = _NOTHING  # first iterate of unknowns; 0 without one
     rest: Mapping[str, Expr] = _NOTHING  # unknowns where ``trial`` is not positive; 0 without one
-    limit: Expr | None = None  # negative where the law does not hold: the step is refused
+    # negative where the law does not hold: the step is refused; it counts where unknowns were solved for
+    limit: Expr | None = None
     reason: str = ""  # what is wrong there, for the message
 
 
@@ -410,10 +411,18 @@ def changing_stiffness(at: At, law: Callable[[At], Stated], names: Sequence[str]
     return found._replace(memory={**found.memory, kept: at.strain - strained})
 
 
+def _either(holds: Expr, one: Expr, other: Expr) -> Expr:
+    """One of two numbers or vectors; what is not chosen may be no number."""
+    if not one.ufl_shape:
+        return ufl.conditional(holds, one, other)
+    return ufl.as_vector([ufl.conditional(holds, one[k], other[k]) for k in range(len(one))])
+
+
 def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0.
 
-    Its inelastic part is kept, as the strain that is given, and so ε - C^-1 σ, has no component across.
+    Its inelastic part is kept, as the strain that is given, and so ε - C^-1 σ, has no component across. Where nothing
+    flows, the law has its unknowns at rest, and no limit.
     """
     across = at.unknown.across
     old = SimpleNamespace(**vars(at.old))
@@ -423,24 +432,26 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     elastic = at.old.across - poisson / (1 - poisson) * (at.strain[0] + at.strain[1] - inside[0] - inside[1])
     strains = [ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]]) for third in (across, elastic)]
     found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
-    names = [name for name in vars(at.unknown) if name != "across"]
-    residual = list(found.residual)
+    stress, memory, residual, limit = found.stress, dict(found.memory), list(found.residual), found.limit
     if found.trial is not None:
         flows = ufl.gt(found.trial, 0)
-        residual = [
-            ufl.conditional(flows, left, getattr(at.unknown, name) - found.rest.get(name, 0))
-            for left, name in zip(residual, names, strict=True)
-        ]
+        unknown = {name: value for name, value in vars(at.unknown).items() if name != "across"}
+        idle = {name: ufl.as_ufl(found.rest.get(name, 0)) for name in unknown}
+        rest = law(at._replace(strain=strains[0], old=old, unknown=SimpleNamespace(**idle)))
+        stress = _either(flows, stress, rest.stress)
+        memory = {name: _either(flows, value, rest.memory[name]) for name, value in memory.items()}
+        # no other equation: the value at rest may be a root, whose slope at 0 is no number
+        residual = [_either(flows, left, value) for left, value in zip(residual, unknown.values(), strict=True)]
+        limit = None if limit is None else ufl.conditional(flows, limit, 1)
+    kept = across + poisson / at.constants.young * (stress[0] + stress[1])
     return found._replace(
-        memory={
-            **found.memory,
-            "across": across + poisson / at.constants.young * (found.stress[0] + found.stress[1]),
-        },
-        stress=ufl.as_vector([found.stress[0], found.stress[1], 0, found.stress[3]]),
-        residual=[*residual, found.stress[2] / at.constants.young],
+        stress=ufl.as_vector([stress[0], stress[1], 0, stress[3]]),
+        memory=memory | {"across": kept},
+        residual=[*residual, stress[2] / at.constants.young],
         trial=None,
         start={**first.start, "across": elastic},
         rest={},
+        limit=limit,
     )
 
 

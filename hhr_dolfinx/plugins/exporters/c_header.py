@@ -257,6 +257,7 @@ class _Data:
             sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
             laws = [group["law"] for group in flow["groups"] if group["law"]]
             sizes |= {
+                "RATED": int(any(group["rated"] for group in flow["groups"])),
                 "MEMORY": max([size // points + 1, *(law["sizes"]["memory"] for law in laws)]),
                 "UNKNOWNS": max([2, *(law["sizes"]["unknowns"] for law in laws)]),
                 "REGISTERS": max([1, *(law["registers"] for law in laws)]),

@@ -184,7 +184,10 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     *event = 0, *terminate = 0, *early = 0, *last = time;
     if (!(size >= 0) || !isfinite(time + size)) return complaint(u, ERROR, "a step must not go back, and time is a number");
 #if MODEL_FLOWS
-    u->work->seconds = size > 0 || !u->begun ? size : u->work->seconds;
+    if (size > 0) {
+        u->work->seconds = size;
+        u->known = u->known && !(u->begun && MODEL_RATED); /* a law creeps while its inputs stay */
+    }
 #endif
     const int status = set_out(u);
     if (status) return status;

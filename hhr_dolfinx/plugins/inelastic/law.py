@@ -152,7 +152,7 @@ def check_constant(law: str, name: str, value: float, limits: tuple[float, float
     """Raise SceneError for a constant that is no number in its open interval."""
     low, high = limits
     if not (is_number(value) and low < value < high):
-        least = f"above {low:g}" if low in (0.0, -math.inf, -LARGEST) else f"at least {math.nextafter(low, math.inf):g}"
+        least = f"above {low:g}" if low in (0.0, -math.inf, -LARGEST) else f"at least {abs(math.nextafter(low, 1)):g}"
         most = f" and below {high:g}" if high < LARGEST else ""
         raise SceneError(f"{name} = {value} of {law}{place} must be a number {least}{most}")
 
@@ -338,8 +338,10 @@ class LawProgram(Rebuilt):
         worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
         shown = ", ".join(f"{value:.3g}" for value in worst)
         why = "its equations have no solution there, or a step is too large: make smaller steps, and check the units"
-        if (result[bad] == BEYOND).any() or self.reason:
+        if (result[bad] == BEYOND).any():
             why = f"{self.reason}: give smaller loads"
+        elif self.reason:
+            why = f"{why}; or {self.reason}"
         place = f"at {bad.size} points, such as for the strain ({shown})"
         raise ConvergenceError(f"{self.name} has no answer {place}: {why}")
 
@@ -381,6 +383,10 @@ class _Thin(Law):
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
     """A law as data for strains of 4 or 6 components, or F of 9; SceneError for what programs cannot state."""
+    if law.finite != (strains == 9):
+        raise SceneError(
+            f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene takes yet"
+        )
     law = _Thin(law) if plane_stress else law
     made = _Made(law, strains)
     named = law.constants()

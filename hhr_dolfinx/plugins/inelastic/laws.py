@@ -319,6 +319,13 @@ class Orthotropic(_Stated):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame(self.frame)
+        if not self.formulas:
+            one, two, three, first, second, third, *_ = self.constants().values()
+            stiff = np.diag([1 / one, 1 / two, 1 / three])
+            stiff[0, 1:] = -first / one, -second / one
+            stiff[1, 2] = -third / two
+            if not (np.linalg.eigvalsh(stiff, UPLO="U") > 0).all():
+                raise SceneError("the ratios of Orthotropic are impossible: strains would have negative energies")
 
     @classmethod
     def transverse(
@@ -469,6 +476,11 @@ class ChangingStiffness(_Around):
     remembers: ClassVar = ("unloaded", TENSOR)
     bounded: ClassVar = {"modulus": POSITIVE}
     stated: ClassVar = "changing_stiffness"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.elastic:
+            raise SceneError(f"{self._inner.name} has elasticity of its own: write formulas for its moduli")
 
 
 def _unused(name: str, known: Mapping[str, object]) -> str:

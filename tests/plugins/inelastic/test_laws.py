@@ -233,6 +233,12 @@ def test_a_stiffness_that_changes_keeps_the_plastic_strain():
     assert point.step({0: 1e-2})[0] == pytest.approx((250 + 2000 * 1e-2) / (1 + 2000 / 100e3), rel=1e-9)
     with pytest.raises(SceneError, match=r"modulus = -1\.0 of ChangingStiffness must be a number above 0"):
         hhr.ChangingStiffness(None, -1.0)
+    with pytest.raises(SceneError, match="write formulas for its moduli"):
+        hhr.ChangingStiffness(LAWS["orthotropic"], 1e5)
+    with pytest.raises(SceneError, match="negative energies"):
+        hhr.Orthotropic(1.0, 1.0, 1.0, 0.9, 0.9, 0.9, 1.0, 1.0, 1.0)
+    with pytest.raises(SceneError, match="no scene takes yet"):
+        program_of(LAWS["neo-Hooke"], 4)
 
 
 @pytest.mark.parametrize("name", ["Arrhenius", "heated", "orthotropic", None])
@@ -259,6 +265,18 @@ def test_frames_in_the_plane_turn_about_its_normal(name):
     plane, solid = Point(LAWS[name], 4), Point(LAWS[name], 6)
     strain = np.array([0.01, -0.004, 0.001, 0.005])
     assert plane.after(strain).stress[0] == pytest.approx(solid.after([*strain, 0, 0]).stress[0, :4], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if not (LAWS[name].elastic or LAWS[name].finite)])
+def test_plane_stress_at_rest_and_where_nothing_flows(name):
+    """Quotients of a deviator that is zero are not in the way, nor a limit that holds where a body flows."""
+    point = Point(LAWS[name], 4, plane_stress=True)
+    shift = 2.8e-3 if name == "heated" else 0.0
+    stiff = 150e3 if name == "stiffness" else YOUNG
+    for strain in (0.0, 1e-6):
+        found = point.after(np.array([shift + strain, shift + strain, 0.0, 0.0]), 1e-9)
+        assert found.stress[0, :2] == pytest.approx(stiff / (1 - POISSON) * strain, abs=1e-6)
+        assert np.isfinite(found.tangents).all() and found.tangents[0, 0, 0] > 0
 
 
 @pytest.mark.parametrize("name", ["linear", "Voce", "Chaboche", "Norton", "Drucker-Prager"])
