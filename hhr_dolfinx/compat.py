@@ -13,6 +13,7 @@ import platform
 import stat
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import solver_first
-from hhr_dolfinx.errors import MissingPackageError, SceneError
+from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, SceneError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -314,14 +315,22 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
     return decorate
 
 
+def require_numba() -> None:
+    """Raise MissingPackageError without numba: loops over whole meshes would take hours as Python."""
+    with extra("flow", "a scene whose bodies have laws or are nearly incompressible"):
+        import numba  # noqa: F401
+
+
 @lru_cache(maxsize=1)
 def _njit() -> Any:
-    """numba's compiler; None without numba, which the log says once."""
+    """numba's compiler; None without numba, of which a warning tells once."""
     try:
         from numba import njit
     except ImportError:
-        _log.warning(
-            "numba is not installed, and laws of bodies run hundreds of times slower: pip install hhr_dolfinx[flow]"
+        warnings.warn(
+            "numba is not installed, and laws of bodies run hundreds of times slower: pip install hhr_dolfinx[flow]",
+            ModelFileWarning,
+            stacklevel=2,
         )
         return None
     return njit

@@ -93,8 +93,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
 
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
     """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs; collective."""
-    with compat.extra("flow", "a scene whose bodies have laws or are nearly incompressible"):
-        import numba  # noqa: F401 (without it loops over whole meshes run as Python, and would take hours)
+    compat.require_numba()
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis

@@ -497,7 +497,7 @@ def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
 
 @needs("inelastic", "nonmatching")
 def test_flow_is_answered_without_numba(models, kept):
-    """Slowly, which the log says."""
+    """Slowly, as a warning says."""
     kind = "condensed pellet"
     model = models(kind)
     point = np.mean([model.parameters.lower, model.parameters.upper], axis=0).tolist()

@@ -506,6 +506,29 @@ def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
 
 @needs("inelastic", "moduli")
 @compiled
+def test_a_unit_creeps_while_its_inputs_stay(tmp_path):
+    """Steps of a second, after a first load within one."""
+    from condensing import FINE, TIGHT, condensed
+    from test_flow_pages import cycle, two_bodies
+
+    outputs = (hhr.ContactForce("force", 0, (0.0, 1.0)),)
+    full = hhr.FullOrderModel(dataclasses.replace(two_bodies("back stresses, creep"), outputs=outputs))
+    model = condensed(full, [full.march(cycle(young), TIGHT) for young in (2.0, 4.0)])
+    unit = Instance(tmp_path, fmu.write_fmu(tmp_path / "unit.fmu", model))
+    assert unit.put([0.03, 3.0]) == 0 and unit.begin() == 0
+    found = [unit.read()[0]]
+    for number in range(3):
+        assert unit.step(number) == 0
+        found.append(unit.read()[0])
+    loaded = [(k / 20, np.array([0.03 * k / 20, 3.0])) for k in range(21)]  # in fortieths of the box, 0.06
+    history = model.march([*loaded, *((1.0 + k, loaded[-1][1]) for k in (1, 2, 3))], FINE)
+    exact = [answer.outputs()["force"] for answer in history.answers[-4:]]
+    assert found == pytest.approx(exact, rel=1e-6) and np.diff(np.abs(exact)).max() < 0
+    unit.made.fmi3FreeInstance(unit.at)
+
+
+@needs("inelastic", "moduli")
+@compiled
 def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
     """Under the sanitisers of the compiler, as a program of its own."""
     model, path = flowing("outputs")
