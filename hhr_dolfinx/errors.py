@@ -138,7 +138,7 @@ class SnapshotFileWarning(UserWarning):
 
 
 class ModelFileWarning(UserWarning):
-    """A part of a model is code, which its file omits."""
+    """A file omits a part of a model, which is code, or the model runs slowly here."""
 
 
 class LockingWarning(UserWarning):
