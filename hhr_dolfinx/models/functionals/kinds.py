@@ -76,15 +76,11 @@ class Linear(Functional):
 
 @dataclass(frozen=True, eq=False)
 class OfPressures(Functional):
-    """Output of pressures, force over area.
-
-    Attributes:
-        conditions, areas: (c,) each.
-    """
+    """Output of pressures, force over area."""
 
     uses_forces: ClassVar[bool] = True
 
-    conditions: Annotated[Integers, "conditions"]
+    conditions: Annotated[Integers, "conditions"]  # conditions, areas: (c,) each
     areas: Annotated[Floats, "conditions"]
 
     def pressures(self, state: State) -> np.ndarray:
@@ -122,12 +118,9 @@ class Loaded(OfPressures):
     """Area under load times a factor and an offset; piecewise constant on one mesh, so that its derivatives are zero.
 
     It jumps when a condition comes under load.
-
-    Attributes:
-        offset, factor: terms of its value.
     """
 
-    offset: float
+    offset: float  # offset, factor: terms of its value
     factor: float
 
     def value(self, state: State) -> float:

@@ -65,18 +65,13 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LocalFacts:
-    """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    Attributes:
-        points: all training points, (S, P), including those added later; empty during the construction.
-        splits: splits with their reasons, in words.
-        missed: models that miss their targets, with the reasons, in words.
-    """
-
+    # all training points, (S, P), including those added later; empty during the construction
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
-    splits: list[str] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
+    splits: list[str] = field(default_factory=list)  # splits with their reasons, in words
+    missed: list[str] = field(default_factory=list)  # models that miss their targets, with the reasons, in words
 
     def add(
         self, model: ReducedModel, snapshots: np.ndarray, own: int, errors: np.ndarray, doubts: list[str], added: int

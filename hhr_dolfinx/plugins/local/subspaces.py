@@ -24,15 +24,10 @@ MOST_NUMBERS = 4_000_000
 
 
 class ChordalBounds(NamedTuple):
-    """Right sides of theorem 9.
+    """Right sides of theorem 9."""
 
-    Attributes:
-        angles: (2.129), by all principal angles and the coordinates of the exact answer.
-        distance: (2.130), by the chordal distance and the length of these coordinates.
-    """
-
-    angles: float
-    distance: float
+    angles: float  # (2.129), by all principal angles and the coordinates of the exact answer
+    distance: float  # (2.130), by the chordal distance and the length of these coordinates
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
