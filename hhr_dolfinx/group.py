@@ -105,11 +105,7 @@ ALONE = Group()
 
 
 def group_of(comm: Comm | Group) -> Group:
-    """The processes of a communicator, or a group itself.
-
-    Raises:
-        NotOfferedError: for several of them, if no installed plug-in serves these.
-    """
+    """The processes of a communicator, or a group itself; NotOfferedError for several that no plug-in serves."""
     if isinstance(comm, Group):
         return comm
     if comm.size == 1:

@@ -50,7 +50,7 @@ class TrainedRange:
     """Smallest and largest trained value of each parameter, with a margin."""
 
     names: Annotated[tuple[str, ...], "P"]  # names of the parameters
-    lower: Annotated[Floats, "P"]  # lower, upper: bounds of the range, (P,)
+    lower: Annotated[Floats, "P"]  # bounds of the range, (P,)
     upper: Annotated[Floats, "P"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

@@ -170,14 +170,9 @@ def singular_range(matrix: np.ndarray) -> tuple[float, float]:
 def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
     """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
 
-    Args:
-        rows: (m, ell), for example B~.
-        primal_gram: (ell, ell), symmetric positive definite, or None.
-        dual_gram: the same for (m, m), or its diagonal (m,), or None.
-
-    Returns:
-        The constant; 0 if there are more rows than columns, since some q is then orthogonal to all v; NaN if a Gram
-        matrix is not positive definite to round-off, so that double precision cannot decide.
+    The rows are (m, ell), for example B~; the matrices, symmetric and positive definite, (ell, ell) and (m, m), or the
+    diagonal of the latter, (m,). It is 0 if there are more rows than columns, since some q is then orthogonal to all v;
+    NaN if a Gram matrix is not positive definite to round-off, so that double precision cannot decide.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0

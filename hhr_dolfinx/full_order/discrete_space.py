@@ -42,14 +42,15 @@ class DiscreteSpace(ABC):
         self.scene = scene
         self.group = group_of(comm)
         with self.group.together(f"the geometry of scene '{scene.name}'"):
+            # mesh of DOLFINx, its tags, and the names of bodies and surfaces in it
             self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, self.group)
         dim = self.mesh.geometry.dim
         self.order = order_of(scene, self.mesh)  # degree of its functions, 1 or 2
         # vector Lagrange space of that degree
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (dim,)))
         nodes = self.space.dofmap.index_map
-        self.rows = slice(*(dim * n for n in nodes.local_range))  # range of the dofs this rank owns
-        self.size = dim * nodes.size_global  # N, number of dofs on all ranks
+        self.rows = slice(*(dim * n for n in nodes.local_range))  # range of the own dofs
+        self.size = dim * nodes.size_global  # N, number of all dofs
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
         # True for bodies that use the mean dilatation of their cells, see ``locking``

@@ -89,11 +89,7 @@ class System(ABC):
         self.made = made
 
     def at(self, point: np.ndarray) -> SystemAt:
-        """Equations at a point, (P,).
-
-        Raises:
-            NotSolvableError: if K is singular there, or an elastic constant inadmissible.
-        """
+        """Equations at a point, (P,); NotSolvableError if K is singular there, or an elastic constant inadmissible."""
         theta = self.problem.amplitudes(point)  # first, since it refuses inadmissible constants
         problem, stiffness, loads = self.equations(point, theta)
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)

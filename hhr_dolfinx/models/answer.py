@@ -83,12 +83,9 @@ class InterfaceCompletion(Protocol):
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
 
     def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """Estimated relative error of forces.
+        """Estimated relative error of forces, from those in the RID, (m,), and the slack of all, (N_lambda,).
 
-        Args:
-            inside: forces in the RID, (m,).
-            slack: of all conditions under the displacement, (N_lambda,).
-            scale: length by which the gap of each is measured, (N_lambda,).
+        ``scale`` is the length by which the gap of each is measured, (N_lambda,).
         """
 
     def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
@@ -96,10 +93,7 @@ class InterfaceCompletion(Protocol):
 
 
 class ModelFields:
-    """Completes answers: computes fields on the whole mesh from the unknown of a model.
-
-    Parts that a kind of model lacks are None.
-    """
+    """Completes answers: fields on the whole mesh from the unknown of a model; parts that a model lacks are None."""
 
     bound: Any = None  # bounds the error of an answer
     output_bound: Any = None  # estimates the errors of outputs
@@ -113,7 +107,7 @@ class ModelFields:
 
     @property
     def full(self) -> Meshed | None:
-        """See above."""
+        """The full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process."""
         return None
 
     @property
@@ -266,7 +260,7 @@ class Answer(NamedTuple):
             NotOfferedError: by a copy, or a model from a file, without ``full``; or without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
-        draw: registry.Drawing = registry.tool("drawing", "a figure of an answer")
+        draw = registry.tool("drawing", "a figure of an answer")
         return draw(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:

@@ -187,12 +187,7 @@ def shown_of(kind: str) -> dict[str, str]:
 
 
 def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
-    """Column heads of a table for the estimates.
-
-    Args:
-        kind: see :class:`Estimate`.
-        outputs: heads of the outputs that are bounded, by name.
-    """
+    """Column heads of a table for estimates of a kind; ``outputs`` are heads of those that are bounded, by name."""
     bounded = () if kind.startswith("indicator") else outputs.values()
     return [*shown_of(kind), *(f"{kind} of {name}" for name in bounded)]
 
@@ -285,12 +280,9 @@ def check_word(outputs: Sequence[str], of: object) -> None:
 
 
 def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
-    """The selected error of an estimate, relative to the exact answer.
+    """The error ``of`` an estimate of an answer, see :func:`check_asked`, relative to the exact one.
 
-    Args:
-        answer: its value is the denominator for an output.
-        estimate: of its error.
-        of: see :func:`check_asked`; None selects the larger one of displacement and forces, both in energy.
+    None selects the larger one of displacement and forces, both in energy.
     """
     if of is None:
         # with a NaN no comparison is true
@@ -308,12 +300,9 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
 
 
 def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -> np.ndarray | None:
-    """The selected error of many answers, (n,), NaN for those without an estimate; None if no answer has one.
+    """The error ``of`` many answers, see :func:`check_asked`, (n,), NaN without an estimate; None if no answer has one.
 
-    Args:
-        many: see :class:`~hhr_dolfinx.models.answer.SeveralAnswers`.
-        of: see :func:`check_asked`.
-        known: ``many.estimates()``, if it is already computed.
+    ``known`` is ``many.estimates()`` if it is already computed.
     """
     if of is not None and of not in SHOWN:
         singles = [(answer, answer.estimate()) for answer in many]

@@ -304,10 +304,9 @@ class KeptModel(AnsweringModel):
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
     handed_on: ClassVar[tuple[str, ...]] = ()  # further arguments that copies and changed models have
-    trained: Trained | None = None
-    """Training range; None if it is unknown."""
+    trained: Trained | None = None  # training range; None if it is unknown
+    # record of the construction; None of a copy or from a file, and for models without approximation
     offline: Any = None
-    """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
         """See :class:`AnsweringModel`."""

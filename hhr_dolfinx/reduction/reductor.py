@@ -144,7 +144,7 @@ class Reductor(ABC, Generic[Prepared]):
 
     @property
     def limits(self) -> TrustLimits | None:
-        """See the class."""
+        """Limits of the comparison, above which a model is refused or a warning is given; None skips it."""
         return TrustLimits()
 
     def check(self, task: Task) -> None:

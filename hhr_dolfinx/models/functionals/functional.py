@@ -118,10 +118,10 @@ class Functional:
     uses_forces: ClassVar[bool] = False  # whether it depends on contact forces
     differentiable: ClassVar[bool] = True  # whether it has derivatives along the parameters
 
-    name: str  # name, unit: of the output
+    name: str  # of the output
     unit: str
     count: int  # k, number of its rows
-    rows: Annotated[Integers, "entries"]  # rows, columns, entries: of the sparse matrix of its rows, (k, N)
+    rows: Annotated[Integers, "entries"]  # these and the next two: the sparse matrix of its rows, (k, N)
     columns: Annotated[Integers, "entries"]
     entries: Annotated[Floats, "entries"]
 
@@ -200,11 +200,7 @@ class Functionals(AllOutputs):
 
 
 def outputs_of(answer: Any) -> Outputs:
-    """Outputs at an answer, with derivatives if the answer has any.
-
-    Raises:
-        HHRError: for a model of a scene without outputs.
-    """
+    """Outputs at an answer, with derivatives if the answer has any; HHRError for a model of a scene without outputs."""
     fields: Any = answer.fields
     whole: Any = fields.functionals
     if whole is None:

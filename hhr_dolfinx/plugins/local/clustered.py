@@ -50,17 +50,13 @@ STILL = 1e-12
 class Member(NamedTuple):
     """One local model, for a record."""
 
-    snapshots: np.ndarray
-    """Numbers of its training answers."""
-    own: int
-    """Number of them in its part."""
-    ell_bar: int
-    N_lambda_C: int
-    """Modes and contact conditions."""
+    snapshots: np.ndarray  # numbers of its training answers
+    own: int  # number of them in its part
+    ell_bar: int  # modes
+    N_lambda_C: int  # contact conditions
+    # 95th percentile of the estimated relative errors at random points of its part; NaN without estimates
     estimate: float
-    """95th percentile of the estimated relative errors at random points of its part; NaN without estimates."""
-    added: int
-    """Answers of the full model that were added to its training."""
+    added: int  # answers of the full model that were added to its training
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,11 +315,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
-
-    Raises:
-        ReductionError: see :func:`build`.
-    """
+    """Numbers of modes and contact conditions of the model of a recipe, not projected; ReductionError as `build`."""
     problem = full.problem
     check_given(full, snapshots, recipe, None)
     basis = basis_of(recipe.basis, problem, snapshots)

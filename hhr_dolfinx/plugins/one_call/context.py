@@ -60,20 +60,19 @@ class BudgetSpentError(HHRError):
 class SearchContext:
     """Context of the attempts."""
 
-    full: FullOrderModel  # full, workers: the full model, on one rank, and the ranks that solve for exact answers
-    workers: Workers
-    target: Target  # target, budget: accuracy of the model, and limits of the cost
-    budget: Budget
-    # family, seed: paths, if answers depend on them; None if queries are points; and the seed of random draws
-    family: PathFamily | None
-    seed: int
+    full: FullOrderModel  # on one rank
+    workers: Workers  # the ranks that solve for exact answers
+    target: Target  # accuracy of the model
+    budget: Budget  # limits of the cost
+    family: PathFamily | None  # paths, if answers depend on them; None if queries are points
+    seed: int  # of random draws
     progress: Announce  # receives each stage, and the share of it that is done
     store: ArrayStore | None = None  # keeps solutions of connected components; None keeps them in memory alone
     errors: Errors = field(init=False)  # of models, in the norms of the target
     clock: Stopwatch = field(default_factory=Stopwatch)  # since the search began
     solved: int = 0  # number of answers of the full model, those found in the store among them
-    checks: int = 0  # checks, held_out: number of checks, and their answers, with which later models are compared
-    held_out: list[Exact] = field(default_factory=list)
+    checks: int = 0  # number of them
+    held_out: list[Exact] = field(default_factory=list)  # answers of checks, with which later models are compared
     # whether contact forces of the last checked model were less accurate than the target; True if nothing is known of
     # them
     forces_off: bool = True

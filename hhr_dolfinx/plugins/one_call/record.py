@@ -20,8 +20,8 @@ LONG = 40
 class Tried:
     """One model of the search."""
 
-    method: str  # method, setting: ``condensed``, ``hhr`` or ``local``, and its settings
-    setting: str
+    method: str  # ``condensed``, ``hhr`` or ``local``
+    setting: str  # its settings
     full_answers: int  # of the full model from the start of the search to the check of this model
     seconds: float  # to build it, including its full answers
     # median seconds of a query of the target, for a point or a history; NaN if it was not timed

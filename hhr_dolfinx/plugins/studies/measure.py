@@ -76,9 +76,8 @@ class Row:
 class Measurement:
     """Measurements of the model under study, and a function that measures others in the same way."""
 
-    # own, others: errors and seconds of the model under study, and of other methods on the same queries in turns
-    own: Row
-    others: Sequence[Row]
+    own: Row  # errors and seconds of the model under study
+    others: Sequence[Row]  # those of other methods on the same queries in turns
     beside: Callable[[str, str, Model], Row]  # measures another model, given its method, its setting and the model
     report: Report  # parts that only this kind of measurement has, ``times`` and ``ratios`` among them
     skipped: Sequence[dict[str, str]] = ()  # items left out, with reasons
