@@ -282,7 +282,7 @@ def check_word(outputs: Sequence[str], of: object) -> None:
 def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
     """The error ``of`` an estimate of an answer, see :func:`check_asked`, relative to the exact one.
 
-    None selects the larger one of displacement and forces, both in energy.
+    None selects the larger one of displacement and forces, both in energy. That of an output is over its value.
     """
     if of is None:
         # with a NaN no comparison is true

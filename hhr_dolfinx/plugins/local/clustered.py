@@ -315,7 +315,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, not projected; ReductionError as `build`."""
+    """Numbers of modes and contact conditions of the model of a recipe, without it; ReductionError as in `build`."""
     problem = full.problem
     check_given(full, snapshots, recipe, None)
     basis = basis_of(recipe.basis, problem, snapshots)
