@@ -43,16 +43,12 @@ if "dolfinx_solver" not in sys.modules:
 
 
 class NamedMesh(tuple):
-    """Result of a geometry: a mesh, the tags of its cells and of its facets, and their names.
+    """Result of a geometry: a mesh, the tags of its cells and of its facets, and their names."""
 
-    Attributes:
-        physical_groups: name, dimension and number or numbers of each group; a body and a surface may have the same
-            name. Meshes of DOLFINx have them from 0.10 on.
-        summary: of the mesh file, a ``geometries.summary.Summary``; None without a file.
-    """
-
+    # name, dimension and number or numbers of each group; a body and a surface may have the same name. Meshes of
+    # DOLFINx have them from 0.10 on
     physical_groups: Groups
-    summary: Any
+    summary: Any  # of the mesh file, a ``geometries.summary.Summary``; None without a file
 
     def __new__(
         cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: object = None

@@ -126,11 +126,7 @@ class Formula(Rebuilt):
         return self._parsed[1]
 
     def __call__(self, values: Values) -> Any:
-        """Value for numbers or arrays by name.
-
-        Raises:
-            ParameterError: beyond the ends of a table.
-        """
+        """Value for numbers or arrays by name; ParameterError beyond the ends of a table."""
         try:
             if not self._calls:
                 return self._parsed[0](values)

@@ -41,19 +41,13 @@ def share(count: int, number: int, parts: int) -> range:
 
 
 class Group:
-    """One process, with the communicator that DOLFINx and PETSc get; all methods are collective.
+    """One process, with the communicator that DOLFINx and PETSc get; all methods are collective."""
 
-    Attributes:
-        comm: the communicator.
-        size: number of processes.
-        number: number of this process, from 0.
-    """
-
-    size: int = 1
-    number: int = 0
+    size: int = 1  # number of processes
+    number: int = 0  # number of this process, from 0
 
     def __init__(self, comm: Any = None):
-        self.comm = comm
+        self.comm = comm  # the communicator
 
     def gathered(self, value: T) -> list[T]:
         """Value of each process, on all of them."""
@@ -111,11 +105,7 @@ ALONE = Group()
 
 
 def group_of(comm: Comm | Group) -> Group:
-    """The processes of a communicator, or a group itself.
-
-    Raises:
-        NotOfferedError: for several of them, if no installed plug-in serves these.
-    """
+    """The processes of a communicator, or a group itself; NotOfferedError for several that no plug-in serves."""
     if isinstance(comm, Group):
         return comm
     if comm.size == 1:

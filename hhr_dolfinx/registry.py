@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
@@ -208,22 +208,11 @@ def facet(plugin: str, word: str, what: str) -> Any:
     return load(known[plugin].facets[word])
 
 
-class Drawing(Protocol):
-    """The tool ``drawing``: figures of scenes and of answers."""
-
-    def __call__(self, value: object, path: object, full: object = None) -> Any:
-        """Figure of matplotlib, saved if a path is given, of a scene, or of an answer on the mesh of a full model."""
-
-
-class FieldsFile(Protocol):
-    """The tool ``fields``: files of fields for viewers."""
-
-    def __call__(self, path: object, full: object, answer: object) -> list[Path]:
-        """Write the fields of an answer on the mesh of a full model, and return the files."""
-
-
 def tool(word: str, what: str) -> Any:
-    """Function for ``what`` that a plug-in offers by a word: ``drawing``, a :class:`Drawing`, or ``fields``.
+    """Function for ``what`` that a plug-in offers by a word, such as ``drawing`` or ``fields``.
+
+    ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a scene, or of an answer
+    on the mesh of a full model. ``fields(path, full, answer)`` writes the fields of an answer and returns the files.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.

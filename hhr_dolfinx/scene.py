@@ -234,8 +234,7 @@ class Scene:
             NotOfferedError: without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
-        draw: registry.Drawing = registry.tool("drawing", "a figure of a scene")
-        return draw(self, path)
+        return registry.tool("drawing", "a figure of a scene")(self, path)
 
     def opened(self, contact: int, point: np.ndarray) -> float:
         """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""

@@ -47,15 +47,10 @@ class Trained(Protocol):
 
 @dataclass(frozen=True)
 class TrainedRange:
-    """Smallest and largest trained value of each parameter, with a margin.
+    """Smallest and largest trained value of each parameter, with a margin."""
 
-    Attributes:
-        names: names of the parameters.
-        lower, upper: bounds of the range, (P,).
-    """
-
-    names: Annotated[tuple[str, ...], "P"]
-    lower: Annotated[Floats, "P"]
+    names: Annotated[tuple[str, ...], "P"]  # names of the parameters
+    lower: Annotated[Floats, "P"]  # bounds of the range, (P,)
     upper: Annotated[Floats, "P"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

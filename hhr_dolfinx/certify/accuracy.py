@@ -102,18 +102,13 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Residuals of the contact problem for an answer, each relative to its scale.
+    """Residuals of the contact problem for an answer, each relative to its scale."""
 
-    Attributes:
-        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces.
-        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth
-            of the largest displacement.
-        sign: largest tensile force over the largest contact force.
-    """
-
-    equilibrium: float
+    equilibrium: float  # norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces
+    # deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of the largest
+    # displacement
     penetration: float
-    sign: float
+    sign: float  # largest tensile force over the largest contact force
 
 
 def contact_residuals(

@@ -53,21 +53,14 @@ def compared_laws(full: FullModel) -> ComparedLaws | None:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Errors against the full order, one entry per point or load path.
+    """Errors against the full order, one entry per point or load path."""
 
-    Attributes:
-        labels: description of the point or path.
-        primal: relative L2 errors of the displacement everywhere.
-        dual: relative errors of the forces on the whole contact surface, with a floor.
-        stress: errors of the stress of bodies with laws over its largest norm in a path; None without.
-        plastic: errors of their plastic strain.
-    """
-
-    labels: list[str]
-    primal: np.ndarray
-    dual: np.ndarray
+    labels: list[str]  # description of the point or path
+    primal: np.ndarray  # relative L2 errors of the displacement everywhere
+    dual: np.ndarray  # relative errors of the forces on the whole contact surface, with a floor
+    # errors of the stress of bodies with laws over its largest norm in a path; None without
     stress: np.ndarray | None = None
-    plastic: np.ndarray | None = None
+    plastic: np.ndarray | None = None  # errors of their plastic strain
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Comparison:

@@ -42,50 +42,31 @@ RESTARTS = 50
 
 @dataclass(frozen=True)
 class Constants:
-    """Inf-sup constants in one pair of norms.
+    """Inf-sup constants in one pair of norms."""
 
-    Attributes:
-        beta_h: constant of the full model, (1.20); NaN if it is unknown, which affects no answer and no bound.
-        beta_HR: constant on the test space of modes truncated outside A, (2.38), (5.18).
-        beta_HR_2: constant on the trial space of whole modes, (2.47), (5.19).
-        alpha_prime: constant of a on the kernels of b, (2.46); None if the kernel is empty.
-    """
-
-    beta_h: float
-    beta_HR: float
-    beta_HR_2: float
-    alpha_prime: float | None
+    beta_h: float  # constant of the full model, (1.20); NaN if it is unknown, which affects no answer and no bound
+    beta_HR: float  # constant on the test space of modes truncated outside A, (2.38), (5.18)
+    beta_HR_2: float  # constant on the trial space of whole modes, (2.47), (5.19)
+    alpha_prime: float | None  # constant of a on the kernels of b, (2.46); None if the kernel is empty
 
 
 @dataclass(frozen=True)
 class Stability:
-    """Stability constants of a reduced model.
+    """Stability constants of a reduced model."""
 
-    Attributes:
-        kappa_B: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24).
-        kappa_B_2: condition number of B~2, (5.25).
-        sigma_min: smallest singular value of B~1, by which the thesis evaluates beta_HR.
-        sigma_max: largest singular value of B~1.
-        contact_definite: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it
-            is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. Otherwise
-            the model may still find a solution, which satisfies all contact conditions, but this is not guaranteed.
-        cond_K: condition number of K~.
-        cond_whole: condition number of V^T K V, the Galerkin projection on the whole domain.
-        norm_K: largest singular value of K~.
-        euclidean: constants in the Euclidean norms of the thesis.
-        energy: constants in the energy and L2 norms.
-    """
-
-    kappa_B: float
-    kappa_B_2: float
-    sigma_min: float
-    sigma_max: float
+    kappa_B: float  # condition number of B~1, (3.4); infinite if its rows are dependent, (5.24)
+    kappa_B_2: float  # condition number of B~2, (5.25)
+    sigma_min: float  # smallest singular value of B~1, by which the thesis evaluates beta_HR
+    sigma_max: float  # largest singular value of B~1
+    # smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it is positive, S is a
+    # P-matrix: every parameter has one solution, and the active set finds it. Otherwise the model may still find a
+    # solution, which satisfies all contact conditions, but this is not guaranteed
     contact_definite: float
-    cond_K: float
-    cond_whole: float
-    norm_K: float
-    euclidean: Constants
-    energy: Constants
+    cond_K: float  # condition number of K~
+    cond_whole: float  # condition number of V^T K V, the Galerkin projection on the whole domain
+    norm_K: float  # largest singular value of K~
+    euclidean: Constants  # constants in the Euclidean norms of the thesis
+    energy: Constants  # constants in the energy and L2 norms
 
     @property
     def distortion(self) -> float:
@@ -189,14 +170,9 @@ def singular_range(matrix: np.ndarray) -> tuple[float, float]:
 def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
     """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
 
-    Args:
-        rows: (m, ell), for example B~.
-        primal_gram: (ell, ell), symmetric positive definite, or None.
-        dual_gram: the same for (m, m), or its diagonal (m,), or None.
-
-    Returns:
-        The constant; 0 if there are more rows than columns, since some q is then orthogonal to all v; NaN if a Gram
-        matrix is not positive definite to round-off, so that double precision cannot decide.
+    The rows are (m, ell), for example B~; the matrices, symmetric and positive definite, (ell, ell) and (m, m), or the
+    diagonal of the latter, (m,). It is 0 if there are more rows than columns, since some q is then orthogonal to all v;
+    NaN if a Gram matrix is not positive definite to round-off, so that double precision cannot decide.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0

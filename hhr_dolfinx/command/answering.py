@@ -69,7 +69,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
     checked_target(out, FIELDS)
     if out is not None:
-        write: registry.FieldsFile = registry.tool("fields", "--out, a file of fields,")
+        write = registry.tool("fields", "--out, a file of fields,")
     model: Any
     scene = pairs = None
     if in_file:

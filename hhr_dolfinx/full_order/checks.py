@@ -148,11 +148,7 @@ def _check_cells(mesh, group):
 
 
 def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
-    """Degree of the displacement: that of the scene if it is given, otherwise that of the mesh.
-
-    Raises:
-        SceneError: for a displacement of first order on a mesh of second order.
-    """
+    """Degree of the displacement, by the scene or else the mesh; SceneError for first order on a mesh of second."""
     geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
     if order < geometry <= 2:

@@ -33,18 +33,6 @@ from hhr_dolfinx.scene import Scene
 class DiscreteSpace(ABC):
     """Lagrange functions on the mesh of a scene, on a communicator, with measures and assembly.
 
-    Attributes:
-        mesh: DOLFINx mesh.
-        names: names of bodies and surfaces in the mesh.
-        order: degree of its functions, 1 or 2.
-        space: vector Lagrange space of that degree.
-        rows: range of the dofs this rank owns.
-        size: N, number of dofs on all ranks.
-        mean_dilatation: True for bodies that use the mean dilatation of their cells, see ``locking``.
-        common_pattern: of the parts of K if it depends on parameters, after the first assembly.
-        reshaped: deforms the mesh if its shape depends on parameters, else None; by default it has the shape of the
-            middle of the box.
-
     Raises:
         SceneError: for a mesh that does not fit the scene, or missing tags.
     """
@@ -54,20 +42,25 @@ class DiscreteSpace(ABC):
         self.scene = scene
         self.group = group_of(comm)
         with self.group.together(f"the geometry of scene '{scene.name}'"):
+            # mesh of DOLFINx, its tags, and the names of bodies and surfaces in it
             self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, self.group)
         dim = self.mesh.geometry.dim
-        self.order = order_of(scene, self.mesh)
+        self.order = order_of(scene, self.mesh)  # degree of its functions, 1 or 2
+        # vector Lagrange space of that degree
         self.space = fem.functionspace(self.mesh, ("Lagrange", self.order, (dim,)))
         nodes = self.space.dofmap.index_map
-        self.rows = slice(*(dim * n for n in nodes.local_range))
-        self.size = dim * nodes.size_global
+        self.rows = slice(*(dim * n for n in nodes.local_range))  # range of the own dofs
+        self.size = dim * nodes.size_global  # N, number of all dofs
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
+        # True for bodies that use the mean dilatation of their cells, see ``locking``
         self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name(), self.order)
         self._trial = ufl.TrialFunction(self.space)
         self._test = ufl.TestFunction(self.space)
         self._linear: set[str] = set()
-        self.common_pattern: Any = None
+        self.common_pattern: Any = None  # of the parts of K if it depends on parameters, after the first assembly
+        # deforms the mesh if its shape depends on parameters, else None; by default it has the shape of the middle of
+        # the box
         self.reshaped: Any = None
 
     @property

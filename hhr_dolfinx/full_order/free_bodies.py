@@ -105,14 +105,8 @@ def rigid_lifts(
     """Replace lifts, (N, 1 + T), by rigid motions of whole bodies if these have the imposed values.
 
     Each term is checked separately: in a body that it moves, the other imposed dofs stay zero. Inelastic bodies and
-    bodies with a variable shape keep their lifts.
-
-    Args:
-        scene: the scene.
-        lifts: nonzero on the imposed dofs alone, (N, 1 + T).
-        free: dofs that are not imposed, (N,) bool.
-        points: coordinates of the nodes, (nodes, dim).
-        cell_nodes: nodes of each cell, (cells, n).
+    bodies with a variable shape keep their lifts. Given ones are nonzero on imposed dofs alone, those that are not
+    ``free``, (N,) bool; ``points``, (nodes, dim), and ``cell_nodes``, (cells, n), are those of the mesh.
     """
     if scene.shapes or scene.reader:
         return lifts

@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
 ) -> AllOutputs:
-    """All outputs of a scene; the same on all ranks. Collective.
-
-    Raises:
-        SceneError: for an output that the model does not support.
-    """
+    """All outputs of a scene, on all ranks; collective. SceneError for an output that the model does not support."""
     if problem.reshaped is not None:
         return problem.reshaped.outputs(problem)
     probes = [probe_of(output, discretisation, problem, equilibrium) for output in discretisation.scene.outputs]

@@ -71,18 +71,10 @@ class SystemAt:
 
 
 class System(ABC):
-    """Makes the equations of any point.
+    """Makes the equations of any point."""
 
-    Attributes:
-        problem: of all points.
-        middle: returns K in the middle of the box.
-        made: makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B.
-        anew: K of another point is factored.
-        bodies: moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all
-            points.
-    """
-
-    anew: bool = True
+    anew: bool = True  # K of another point is factored
+    # moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all points
     bodies: ScaledBodies | None = None
 
     def __init__(
@@ -91,16 +83,13 @@ class System(ABC):
         middle: Callable[[], SparseStiffness],
         made: Callable[[csr_matrix, ContactProblem], SparseStiffness],
     ):
-        self.problem = problem
-        self.middle = middle
+        self.problem = problem  # of all points
+        self.middle = middle  # returns K in the middle of the box
+        # makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B
         self.made = made
 
     def at(self, point: np.ndarray) -> SystemAt:
-        """Equations at a point, (P,).
-
-        Raises:
-            NotSolvableError: if K is singular there, or an elastic constant inadmissible.
-        """
+        """Equations at a point, (P,); NotSolvableError if K is singular there, or an elastic constant inadmissible."""
         theta = self.problem.amplitudes(point)  # first, since it refuses inadmissible constants
         problem, stiffness, loads = self.equations(point, theta)
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)

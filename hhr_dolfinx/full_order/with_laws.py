@@ -35,10 +35,6 @@ class BodiesWithLaws(Protocol):
 
 
 def with_laws(scene: Scene) -> BodiesWithLaws:
-    """Bodies of a scene that has a :attr:`~hhr_dolfinx.scene.Scene.reader`.
-
-    Raises:
-        NotOfferedError: if this plug-in solves nothing in full order.
-    """
+    """Bodies of a scene that has a ``reader``; NotOfferedError if this plug-in solves nothing in full order."""
     made: BodiesWithLaws = registry.facet(scene.reader, "full_order", f"the full model of scene '{scene.name}'")(scene)
     return made

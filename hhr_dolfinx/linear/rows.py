@@ -14,17 +14,12 @@ T = TypeVar("T")
 
 
 class Rows:
-    """All rows, ``count`` of them: the operations are those of numpy. Collective, except ``of``.
+    """All rows, ``count`` of them: the operations are those of numpy. Collective, except ``of``."""
 
-    Attributes:
-        own: range of the local rows.
-        all_here: whether all rows are local.
-    """
-
-    all_here = True
+    all_here = True  # whether all rows are local
 
     def __init__(self, own: slice, count: int) -> None:
-        self.own = own
+        self.own = own  # range of the local rows
         self.count = count
 
     def sum(self, part: T) -> T:

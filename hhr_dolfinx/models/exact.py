@@ -44,11 +44,7 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
         """K^-1 (loads - B^T λ), (N,)."""
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,).
-
-        Raises:
-            NotOfferedError: by a copy, or a model from a file, that keeps no columns of K^-1 B^T.
-        """
+        """K^-1 (loads - B^T λ) and the lift, (N,); NotOfferedError by a copy or a file without columns of K^-1 B^T."""
         theta = self.amplitudes(answer.parameter)
         return self._unknown(answer, theta) + self.lifts @ theta
 

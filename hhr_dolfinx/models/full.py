@@ -51,14 +51,6 @@ class Equations(Protocol):
         """K at a point, (P,)."""
 
 
-class NamedScene(Protocol):
-    """The scene of a model, as messages need it."""
-
-    @property
-    def name(self) -> str:
-        """Name of the scene."""
-
-
 class Guard:
     """Check that strains in answers of a full model are small, which does nothing here.
 
@@ -85,7 +77,7 @@ class Guard:
 class FullModel(AnsweringModel, ElasticFields):
     """The full-order model: solves points and paths, completes its own answers, and lends its factors."""
 
-    scene: NamedScene
+    scene: Any  # messages need its name
     group: Group  # processes that have the model together
     problem: ContactProblem  # the algebraic contact problem; on several ranks each has the rows of its dofs
     system: Equations  # the equations at any point

@@ -298,20 +298,15 @@ class AnsweringModel(Shown):
 
 
 class KeptModel(AnsweringModel):
-    """A model of plain data: it can be copied, pickled, changed, and kept in a file.
+    """A model of plain data: it can be copied, pickled, changed, and kept in a file."""
 
-    Attributes:
-        kept: arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`.
-        handed_on: further arguments that copies and changed models have.
-    """
-
+    # arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
-    handed_on: ClassVar[tuple[str, ...]] = ()
-    trained: Trained | None = None
-    """Training range; None if it is unknown."""
+    handed_on: ClassVar[tuple[str, ...]] = ()  # further arguments that copies and changed models have
+    trained: Trained | None = None  # training range; None if it is unknown
+    # record of the construction; None of a copy or from a file, and for models without approximation
     offline: Any = None
-    """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
         """See :class:`AnsweringModel`."""

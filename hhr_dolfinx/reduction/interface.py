@@ -28,11 +28,7 @@ class Reduction:
 
 
 def reduction_of(law: ContactLaw) -> Reduction:
-    """The facet of a law.
-
-    Raises:
-        NotOfferedError: if its plug-in has none: the model would leave the law out.
-    """
+    """The facet of a law; NotOfferedError if its plug-in has none: the model would leave the law out."""
     if not law.plugin:
         return Reduction()
     found: Reduction = registry.facet(law.plugin, "reduction", f"hyper-reduction of contacts with {law.name}")
@@ -64,11 +60,7 @@ class ReducedBodies(Protocol):
 
 
 def bodies_of(full: FullModel) -> ReducedBodies:
-    """Reduction of the laws of a full model that has an equilibrium.
-
-    Raises:
-        NotOfferedError: if no reduction is built in for them.
-    """
+    """Reduction of the laws of a full model that has an equilibrium; NotOfferedError if none is built in for them."""
     assert full.equilibrium is not None
     found: ReducedBodies = facet_of(full.equilibrium, "reduction", "a reduced model")
     return found

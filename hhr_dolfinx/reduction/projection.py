@@ -132,12 +132,8 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
     A node of a contact surface brings in the slaves of its conditions and the nodes these face, so that gaps can be
     computed inside the RID (figure 1.13b). The given nodes stay in A: if closing the RID would remove one, the RID
     grows until it does not. If every row overlaps the next (double pass, standard mortar multipliers) that ends with
-    the whole contact surface.
-
-    Args:
-        problem: the full problem; only its connectivity is used.
-        nodes: nodes picked by DEIM and by zones of interest.
-        layers: layers of cells added around the union.
+    the whole contact surface. ``layers`` of cells are added around the union. Of the problem only its connectivity is
+    used.
     """
     nodes_of_cells = problem.cell_nodes
     count = len(problem.points)

@@ -122,22 +122,15 @@ class Proposal:
 
 
 class Reductor(ABC, Generic[Prepared]):
-    """A way to make a model from the full one and its answers; only :meth:`attempt` is required.
+    """A way to make a model from the full one and its answers; only :meth:`attempt` is required."""
 
-    Attributes:
-        method: its name in tables.
-        level: name of what levels count, for the log.
-        limits: limits of the comparison, above which a model is refused or a warning is given; None skips it.
-        remedy: advice for a model that is refused.
-        refusals: errors of an attempt after which the next level is tried.
-        own_range: whether its models know where they hold: in the whole box, or in a range that it sets. Otherwise
-            the driver limits them to the box around the training points, and warns of a training without validation.
-    """
-
-    method: ClassVar[str]
-    level: ClassVar[str] = "level"
-    remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID
+    method: ClassVar[str]  # its name in tables
+    level: ClassVar[str] = "level"  # name of what levels count, for the log
+    remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID  # advice for a model that is refused
+    # errors of an attempt after which the next level is tried
     refusals: ClassVar[tuple[type[HHRError], ...]] = (NotSolvableError, UnstableModelError, UnseenLoadError)
+    # whether its models know where they hold: in the whole box, or in a range that it sets. Otherwise the driver limits
+    # them to the box around the training points, and warns of a training without validation
     own_range: ClassVar[bool] = False
 
     @classmethod
@@ -151,7 +144,7 @@ class Reductor(ABC, Generic[Prepared]):
 
     @property
     def limits(self) -> TrustLimits | None:
-        """See the class."""
+        """Limits of the comparison, above which a model is refused or a warning is given; None skips it."""
         return TrustLimits()
 
     def check(self, task: Task) -> None:

@@ -136,6 +136,7 @@ class SnapshotStore:
             make the store, and one reads and writes.
 
     Attributes:
+        folder: folder of the files.
         found: number of queries whose answer was in the store.
 
     Raises:
@@ -147,8 +148,8 @@ class SnapshotStore:
         self._problem = full.problem
         self._laws = stored_laws(full)
         self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
-        self._folder = make_folder(folder)
-        clear_leftovers(self._folder)
+        self.folder = make_folder(folder)
+        clear_leftovers(self.folder)
         conditions, dofs = self._problem.contact.shape
         self._law = self._problem.law
         self._sizes = {"N": dofs, "N_lambda": conditions, **self._law.sizes, **self._laws.sizes}
@@ -178,11 +179,6 @@ class SnapshotStore:
     def save(self, answer: Answer) -> None:
         """Store the answer at a parameter; FileError if its file cannot be written."""
         self._save(answer, self._query_at(answer.parameter))
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the files."""
-        return self._folder
 
     @property
     def problem_digest(self) -> str:
@@ -271,7 +267,7 @@ class SnapshotStore:
         return hashlib.sha256(self._fingerprint + repr(query).encode()).hexdigest()[:40]
 
     def _path(self, query: list) -> Path:
-        return self._folder / f"{self._digest(query)}.npz"
+        return self.folder / f"{self._digest(query)}.npz"
 
 
 class ArrayStore:

@@ -51,8 +51,8 @@ class ConstantElimination(Rebuilt, Elimination):
         object.__setattr__(self, "response", response)
         object.__setattr__(self, "responses", Responses(free_primal, per_force, free_slack, given.schur))
 
+    # free slack followed by the free primal unknown, (m + n, 1 + T)
     response: np.ndarray = field(init=False, repr=False)
-    """Free slack followed by the free primal unknown, (m + n, 1 + T)."""
 
     @classmethod
     def from_file(cls, **parts: Any) -> ConstantElimination:

@@ -28,20 +28,13 @@ _NOWHERE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Outputs:
-    """Values of the outputs of a scene at one parameter; read like a mapping from names to numbers.
+    """Values of the outputs of a scene at one parameter; read like a mapping from names to numbers."""
 
-    Attributes:
-        values: by name; NaN without an answer.
-        units: as the scene gives them.
-        gradient: derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were
-            requested.
-        one_sided: whether some of the derivatives hold on one side only.
-    """
-
-    values: dict[str, float]
-    units: dict[str, str]
+    values: dict[str, float]  # by name; NaN without an answer
+    units: dict[str, str]  # as the scene gives them
+    # derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were requested
     gradient: dict[str, np.ndarray] | None = None
-    one_sided: bool = False
+    one_sided: bool = False  # whether some of the derivatives hold on one side only
 
     def __getitem__(self, name: str) -> float:
         if name not in self.values:
@@ -120,23 +113,15 @@ class Slopes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Functional:
-    """An output as numbers.
+    """An output as numbers."""
 
-    Attributes:
-        name, unit: of the output.
-        count: k, number of its rows.
-        rows, columns, entries: of the sparse matrix of its rows, (k, N).
-        uses_forces: whether it depends on contact forces.
-        differentiable: whether it has derivatives along the parameters.
-    """
+    uses_forces: ClassVar[bool] = False  # whether it depends on contact forces
+    differentiable: ClassVar[bool] = True  # whether it has derivatives along the parameters
 
-    uses_forces: ClassVar[bool] = False
-    differentiable: ClassVar[bool] = True
-
-    name: str
+    name: str  # of the output
     unit: str
-    count: int
-    rows: Annotated[Integers, "entries"]
+    count: int  # k, number of its rows
+    rows: Annotated[Integers, "entries"]  # these and the next two: the sparse matrix of its rows, (k, N)
     columns: Annotated[Integers, "entries"]
     entries: Annotated[Floats, "entries"]
 
@@ -215,11 +200,7 @@ class Functionals(AllOutputs):
 
 
 def outputs_of(answer: Any) -> Outputs:
-    """Outputs at an answer, with derivatives if the answer has any.
-
-    Raises:
-        HHRError: for a model of a scene without outputs.
-    """
+    """Outputs at an answer, with derivatives if the answer has any; HHRError for a model of a scene without outputs."""
     fields: Any = answer.fields
     whole: Any = fields.functionals
     if whole is None:

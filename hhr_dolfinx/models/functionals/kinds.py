@@ -76,16 +76,12 @@ class Linear(Functional):
 
 @dataclass(frozen=True, eq=False)
 class OfPressures(Functional):
-    """Output of pressures, force over area.
-
-    Attributes:
-        conditions, areas: (c,) each.
-    """
+    """Output of pressures, force over area."""
 
     uses_forces: ClassVar[bool] = True
 
-    conditions: Annotated[Integers, "conditions"]
-    areas: Annotated[Floats, "conditions"]
+    conditions: Annotated[Integers, "conditions"]  # (c,)
+    areas: Annotated[Floats, "conditions"]  # of these
 
     def pressures(self, state: State) -> np.ndarray:
         """Pressure of each condition, (c,)."""
@@ -119,15 +115,9 @@ class Largest(OfPressures):
 
 @dataclass(frozen=True, eq=False)
 class Loaded(OfPressures):
-    """Area under load times a factor and an offset; piecewise constant on one mesh, so that its derivatives are zero.
+    """Area under load times a factor and an offset; its derivatives are zero: it jumps when a condition is loaded."""
 
-    It jumps when a condition comes under load.
-
-    Attributes:
-        offset, factor: terms of its value.
-    """
-
-    offset: float
+    offset: float  # added to the area times the factor
     factor: float
 
     def value(self, state: State) -> float:

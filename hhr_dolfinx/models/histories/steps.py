@@ -71,11 +71,7 @@ _UNILATERAL = UnilateralSteps()
 
 
 def steps_of(law: ContactLaw) -> Steps:
-    """The facet of a law.
-
-    Raises:
-        NotOfferedError: if its plug-in does not have it.
-    """
+    """The facet of a law; NotOfferedError if its plug-in does not have it."""
     if not law.plugin:
         return _UNILATERAL
     found: Steps = registry.facet(law.plugin, "steps", f"what contacts with {law.name} do along a path")

@@ -150,15 +150,13 @@ class Greedy:
     ) -> tuple[SnapshotSet, Choice]:
         """Compute training answers, and the record of their choice.
 
-        Args:
-            full: the full model, one on each rank.
-            solve: answers of the full model to points, (n, P), or paths; collective.
-            comm: ranks, each of which has all answers; they share the candidates.
-            progress: wraps the iteration over the models.
-            store: its folder keeps the choice too, which later runs continue.
+        Each rank of ``comm`` has a full model and all answers; they share the candidates. ``solve`` returns answers to
+        points, (n, P), or paths; collective. ``progress`` wraps the iteration over the models. The folder of the store
+        keeps the choice too, which later runs continue.
         """
         space = self.space(full.scene)
-        score = self._score(full)
+        usual = ForceError() if self.family is None else LargestEstimate()
+        score = (usual if self.indicator is None else self.indicator).prepared(full)
         start, choices = self._samplings(full)
         candidates = space.points(choices.points(space))
         points = space.points(start.points(space))[: self.budget]
@@ -215,10 +213,6 @@ class Greedy:
 
     def _queries(self, points: np.ndarray) -> Any:
         return points if self.family is None else self.family.paths(points)
-
-    def _score(self, full: FullOrderModel) -> Score:
-        usual = ForceError() if self.family is None else LargestEstimate()
-        return (usual if self.indicator is None else self.indicator).prepared(full)
 
     def _errors(
         self, full: FullOrderModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm

@@ -50,33 +50,24 @@ STILL = 1e-12
 class Member(NamedTuple):
     """One local model, for a record."""
 
-    snapshots: np.ndarray
-    """Numbers of its training answers."""
-    own: int
-    """Number of them in its part."""
-    ell_bar: int
-    N_lambda_C: int
-    """Modes and contact conditions."""
+    snapshots: np.ndarray  # numbers of its training answers
+    own: int  # number of them in its part
+    ell_bar: int  # modes
+    N_lambda_C: int  # contact conditions
+    # 95th percentile of the estimated relative errors at random points of its part; NaN without estimates
     estimate: float
-    """95th percentile of the estimated relative errors at random points of its part; NaN without estimates."""
-    added: int
-    """Answers of the full model that were added to its training."""
+    added: int  # answers of the full model that were added to its training
 
 
 @dataclass(frozen=True, eq=False)
 class LocalFacts:
-    """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    Attributes:
-        points: all training points, (S, P), including those added later; empty during the construction.
-        splits: splits with their reasons, in words.
-        missed: models that miss their targets, with the reasons, in words.
-    """
-
+    # all training points, (S, P), including those added later; empty during the construction
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
-    splits: list[str] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
+    splits: list[str] = field(default_factory=list)  # splits with their reasons, in words
+    missed: list[str] = field(default_factory=list)  # models that miss their targets, with the reasons, in words
 
     def add(
         self, model: ReducedModel, snapshots: np.ndarray, own: int, errors: np.ndarray, doubts: list[str], added: int
@@ -324,11 +315,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
-
-    Raises:
-        ReductionError: see :func:`build`.
-    """
+    """Numbers of modes and contact conditions of the model of a recipe, without it; ReductionError as in `build`."""
     problem = full.problem
     check_given(full, snapshots, recipe, None)
     basis = basis_of(recipe.basis, problem, snapshots)

@@ -94,31 +94,18 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
 def cell_labels(grid: GridCells, columns: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
     """Labels from 0, (C,), of cells of a grid whose snapshots, (N, S), span similar spaces, section 4.2.1.
 
-    Args:
-        grid: cells of the points of the snapshots.
-        columns: snapshots.
-        count: K, the number of clusters.
-        seed: of the random starts of k-medoids.
-
-    Raises:
-        ReductionError: for more clusters than cells, or snapshots that are not finite.
+    ``count`` is the number of clusters, K, ``seed`` that of the random starts of k-medoids. ReductionError for more
+    clusters than cells, or snapshots that are not finite.
     """
     return medoids(basis_distances(cell_bases(coordinates(columns), grid.corners)), count, seed)
 
 
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
-    """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, chosen for the least sum.
+    """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, K, chosen for the least sum.
 
-    The best of several random starts and a greedy one counts. Labels 0 to K - 1, (n,), all of them used, have the order
-    in which they first occur.
-
-    Args:
-        dissimilarity: symmetric, not negative and with a zero diagonal, (n, n).
-        count, seed: K, and the seed of the random starts.
-
-    Raises:
-        ReductionError: for more clusters than items.
-        MissingPackageError: without the package kmedoids.
+    The dissimilarity is symmetric, not negative and with a zero diagonal, (n, n). The best of several random starts,
+    from ``seed``, and a greedy one counts. Labels 0 to K - 1, (n,), all of them used, have the order in which they
+    first occur. ReductionError for more clusters than items, MissingPackageError without the package kmedoids.
     """
     if count > len(dissimilarity):
         raise ReductionError(

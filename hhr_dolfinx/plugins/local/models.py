@@ -38,19 +38,15 @@ LEAF = -1
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A binary tree of cuts across the axes (n nodes, the first one is the whole box; P parameters).
-
-    Raises:
-        ReductionError: for an invalid tree.
-    """
+    """A binary tree of cuts across the axes (n nodes, first the whole box; P parameters); ReductionError if invalid."""
 
     axis: Annotated[Integers, "nodes"]  # index of the parameter that is cut; -1 for a region
     cut: Annotated[Floats, "nodes"]  # value of the cut; a point at the cut or below goes low
     low: Annotated[Integers, "nodes"]
     high: Annotated[Integers, "nodes"]  # the nodes below and above the cut, each with a higher number than its parent
     label: Annotated[Integers, "nodes"]  # number of the model of a region
+    # half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,)
     reach: Annotated[Floats, "P"]
-    """Half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,)."""
 
     def __post_init__(self) -> None:
         """A query of an invalid tree would not end, or end nowhere."""

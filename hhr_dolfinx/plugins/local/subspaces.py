@@ -24,15 +24,10 @@ MOST_NUMBERS = 4_000_000
 
 
 class ChordalBounds(NamedTuple):
-    """Right sides of theorem 9.
+    """Right sides of theorem 9."""
 
-    Attributes:
-        angles: (2.129), by all principal angles and the coordinates of the exact answer.
-        distance: (2.130), by the chordal distance and the length of these coordinates.
-    """
-
-    angles: float
-    distance: float
+    angles: float  # (2.129), by all principal angles and the coordinates of the exact answer
+    distance: float  # (2.130), by the chordal distance and the length of these coordinates
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
@@ -49,16 +44,9 @@ def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
     """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair, (4.2).
 
     It is the root of the sum of squares of the principal angles, (4.3), and of a right angle for each dimension that
-    one space has and the other lacks.
-
-    Args:
-        bases: orthonormal, (N, a_j) each; give many in common :func:`coordinates`: their products take the time.
-
-    Returns:
-        Symmetric with a zero diagonal, (n, n), in radians.
-
-    Raises:
-        ReductionError: for a basis that is not orthonormal, or of another mesh.
+    one space has and the other lacks: symmetric with a zero diagonal, (n, n), in radians. Give many bases, (N, a_j)
+    each, in common :func:`coordinates`: their products take the time. ReductionError for a basis that is not
+    orthonormal, or of another mesh.
     """
     parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)})
     counts = np.array([part.shape[1] for part in parts])
@@ -72,13 +60,9 @@ def snapshot_distances(columns: np.ndarray) -> np.ndarray:
     """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that they span.
 
     The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
-    a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|.
-
-    Returns:
-        Symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12.
-
-    Raises:
-        ReductionError: for snapshots that are not finite, or zero, which have no direction.
+    a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|, symmetric with a zero
+    diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12. ReductionError for snapshots that are not
+    finite, or zero, which have no direction.
     """
     found = coordinates(columns)
     # squares of very small or large displacements would not be finite

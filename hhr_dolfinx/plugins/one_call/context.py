@@ -58,44 +58,28 @@ class BudgetSpentError(HHRError):
 
 @dataclass
 class SearchContext:
-    """Context of the attempts.
+    """Context of the attempts."""
 
-    Attributes:
-        full, workers: the full model, on one rank, and the ranks that solve for exact answers.
-        target, budget: accuracy of the model, and limits of the cost.
-        family, seed: paths, if answers depend on them; None if queries are points; and the seed of random draws.
-        progress: receives each stage, and the share of it that is done.
-        store: keeps solutions of connected components; None keeps them in memory alone.
-        errors: of models, in the norms of the target.
-        clock: since the search began.
-        solved: number of answers of the full model, those found in the store among them.
-        checks, held_out: number of checks, and their answers, with which later models are compared.
-        looked: whether answers of the full model were checked for large strains and missing contact.
-        forces_off: whether contact forces of the last checked model were less accurate than the target; True if nothing
-            is known of them.
-        checking: whether a model is being checked: before that, time is reserved for the answers of a check.
-        short: reason why the last check has fewer answers than planned; empty if it has all.
-        batches: seconds of full answers, as many at once as there are ranks.
-    """
-
-    full: FullOrderModel
-    workers: Workers
-    target: Target
-    budget: Budget
-    family: PathFamily | None
-    seed: int
-    progress: Announce
-    store: ArrayStore | None = None
-    errors: Errors = field(init=False)
-    clock: Stopwatch = field(default_factory=Stopwatch)
-    solved: int = 0
-    checks: int = 0
-    held_out: list[Exact] = field(default_factory=list)
+    full: FullOrderModel  # on one rank
+    workers: Workers  # the ranks that solve for exact answers
+    target: Target  # accuracy of the model
+    budget: Budget  # limits of the cost
+    family: PathFamily | None  # paths, if answers depend on them; None if queries are points
+    seed: int  # of random draws
+    progress: Announce  # receives each stage, and the share of it that is done
+    store: ArrayStore | None = None  # keeps solutions of connected components; None keeps them in memory alone
+    errors: Errors = field(init=False)  # of models, in the norms of the target
+    clock: Stopwatch = field(default_factory=Stopwatch)  # since the search began
+    solved: int = 0  # number of answers of the full model, those found in the store among them
+    checks: int = 0  # number of them
+    held_out: list[Exact] = field(default_factory=list)  # answers of checks, with which later models are compared
+    # whether contact forces of the last checked model were less accurate than the target; True if nothing is known of
+    # them
     forces_off: bool = True
-    looked: bool = False
-    checking: bool = False
-    short: str = ""
-    batches: list[float] = field(default_factory=list)
+    looked: bool = False  # whether answers of the full model were checked for large strains and missing contact
+    checking: bool = False  # whether a model is being checked: before that, time is reserved for the answers of a check
+    short: str = ""  # reason why the last check has fewer answers than planned; empty if it has all
+    batches: list[float] = field(default_factory=list)  # seconds of full answers, as many at once as there are ranks
     _began: dict[str, float] = field(default_factory=dict)
     _last: dict[str, float] = field(default_factory=dict)
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)

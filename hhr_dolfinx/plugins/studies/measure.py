@@ -74,25 +74,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measurements of the model under study, and a function that measures others in the same way.
+    """Measurements of the model under study, and a function that measures others in the same way."""
 
-    Attributes:
-        own, others: errors and seconds of the model under study, and of other methods on the same queries in turns.
-        beside: measures another model, given its method, its setting and the model.
-        report: parts that only this kind of measurement has, ``times`` and ``ratios`` among them.
-        skipped: items left out, with reasons.
-        drawn: further data for pictures: the full and the reduced history at the last test; empty for points.
-        refused: rows of the work-precision table of methods that were refused, each with the reason.
-        models: small models under their names in the advice, ``hhr`` and ``condensed``.
-    """
-
-    own: Row
-    others: Sequence[Row]
-    beside: Callable[[str, str, Model], Row]
-    report: Report
-    skipped: Sequence[dict[str, str]] = ()
-    drawn: tuple = ()
+    own: Row  # errors and seconds of the model under study
+    others: Sequence[Row]  # those of other methods on the same queries in turns
+    beside: Callable[[str, str, Model], Row]  # measures another model, given its method, its setting and the model
+    report: Report  # parts that only this kind of measurement has, ``times`` and ``ratios`` among them
+    skipped: Sequence[dict[str, str]] = ()  # items left out, with reasons
+    drawn: tuple = ()  # further data for pictures: the full and the reduced history at the last test; empty for points
+    # rows of the work-precision table of methods that were refused, each with the reason
     refused: Sequence[Report] = ()
+    # small models under their names in the advice, ``hhr`` and ``condensed``
     models: Mapping[str, Any] = field(default_factory=dict)
 
 

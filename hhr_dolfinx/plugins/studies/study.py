@@ -51,23 +51,15 @@ class Rival:
 
 @dataclass(frozen=True)
 class Study:
-    """Measurements of a scene.
+    """Measurements of a scene."""
 
-    Attributes:
-        training: full model and training answers.
-        model: the reduced model under study; for bodies with laws the condensed one if hyper-reduction is refused.
-        tests: test points, (n, P), or paths by label.
-        measured: errors and times of the model and of those compared with it.
-        settings: of the study.
-        report: all figures under the keys that scenes share; a demo may add others.
-    """
-
-    training: Training
+    training: Training  # full model and training answers
+    # the reduced model under study; for bodies with laws the condensed one if hyper-reduction is refused
     model: KeptModel
-    tests: np.ndarray | dict[Any, HistoryPath]
-    measured: Measurement
-    settings: StudySettings
-    report: Report
+    tests: np.ndarray | dict[Any, HistoryPath]  # test points, (n, P), or paths by label
+    measured: Measurement  # errors and times of the model and of those compared with it
+    settings: StudySettings  # of the study
+    report: Report  # all figures under the keys that scenes share; a demo may add others
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
