@@ -48,28 +48,34 @@ FORCES = "indicator of the forces"
 
 
 class Estimate(NamedTuple):
-    """Estimate of the error of an answer."""
+    """Estimate of the error of an answer.
 
-    # ``bound``, which no error exceeds: the error itself, up to round-off, for a constant stiffness; ``estimate``, a
-    # bound except for an interpolation without a proof; ``indicator``, which follows the error; :data:`STRESS`, which
-    # follows that of the stress alone, relative to the stress of the same step; or :data:`FORCES`, the same for the
-    # Euclidean norm of forces
+    Attributes:
+        kind: ``bound``, which no error exceeds: the error itself, up to round-off, for a constant stiffness;
+            ``estimate``, a bound except for an interpolation without a proof; ``indicator``, which
+            follows the error; :data:`STRESS`, which follows that of the stress alone, relative to the stress of the
+            same step; or :data:`FORCES`, the same for the Euclidean norm of forces.
+        primal: of the displacement in energy, (v^T K v)^1/2.
+        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of the forces alone.
+            Indicators have no units: this and all other absolute errors are then infinite.
+        primal_relative, dual_relative: over the smallest possible norm of the exact answer; infinite if a
+            bound is larger than the answer itself.
+        outputs: errors of the outputs of the scene, by name; outputs without an estimate are left out, see
+            :class:`~hhr_dolfinx.models.bound.OutputBound`.
+        forces_euclid: of the nodal contact forces in the Euclidean norm.
+        pressure: the largest error of a nodal pressure.
+        forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak
+            pressure.
+    """
+
     kind: str
-    primal: float  # of the displacement in energy, (v^T K v)^1/2
-    # of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of the forces alone. Indicators
-    # have no units: this and all other absolute errors are then infinite
+    primal: float
     dual: float
-    # primal_relative, dual_relative: over the smallest possible norm of the exact answer; infinite if a bound is larger
-    # than the answer itself
     primal_relative: float
     dual_relative: float
-    # errors of the outputs of the scene, by name; outputs without an estimate are left out, see
-    # :class:`~hhr_dolfinx.models.bound.OutputBound`
     outputs: Mapping[str, float] = NO_OUTPUTS
-    forces_euclid: float = math.inf  # of the nodal contact forces in the Euclidean norm
-    pressure: float = math.inf  # the largest error of a nodal pressure
-    # forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak
-    # pressure
+    forces_euclid: float = math.inf
+    pressure: float = math.inf
     forces_euclid_relative: float = math.inf
     pressure_relative: float = math.inf
 
@@ -105,11 +111,16 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimates:
-    """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one."""
+    """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one.
 
-    kind: str  # see there
-    # primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative, pressure_relative:
-    # see there, (n,) each; NaN without an answer
+    Attributes:
+        kind: see there.
+        primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative,
+            pressure_relative: see there, (n,) each; NaN without an answer.
+        outputs_of: returns the bounds of the outputs of one answer, by its number; called when they are read.
+    """
+
+    kind: str
     primal: np.ndarray
     dual: np.ndarray
     primal_relative: np.ndarray
@@ -118,7 +129,6 @@ class Estimates:
     pressure: np.ndarray
     forces_euclid_relative: np.ndarray
     pressure_relative: np.ndarray
-    # returns the bounds of the outputs of one answer, by its number; called when they are read
     outputs_of: Callable[[int], Mapping[str, float]] = field(default=lambda _: NO_OUTPUTS, compare=False)
 
     @classmethod
@@ -187,7 +197,12 @@ def shown_of(kind: str) -> dict[str, str]:
 
 
 def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
-    """Column heads of a table for estimates of a kind; ``outputs`` are heads of those that are bounded, by name."""
+    """Column heads of a table for the estimates.
+
+    Args:
+        kind: see :class:`Estimate`.
+        outputs: heads of the outputs that are bounded, by name.
+    """
     bounded = () if kind.startswith("indicator") else outputs.values()
     return [*shown_of(kind), *(f"{kind} of {name}" for name in bounded)]
 
@@ -280,9 +295,12 @@ def check_word(outputs: Sequence[str], of: object) -> None:
 
 
 def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
-    """The error ``of`` an estimate of an answer, see :func:`check_asked`, relative to the exact one.
+    """The selected error of an estimate, relative to the exact answer.
 
-    None selects the larger one of displacement and forces, both in energy. That of an output is over its value.
+    Args:
+        answer: its value is the denominator for an output.
+        estimate: of its error.
+        of: see :func:`check_asked`; None selects the larger one of displacement and forces, both in energy.
     """
     if of is None:
         # with a NaN no comparison is true
@@ -300,9 +318,12 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
 
 
 def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -> np.ndarray | None:
-    """The error ``of`` many answers, see :func:`check_asked`, (n,), NaN without an estimate; None if no answer has one.
+    """The selected error of many answers, (n,), NaN for those without an estimate; None if no answer has one.
 
-    ``known`` is ``many.estimates()`` if it is already computed.
+    Args:
+        many: see :class:`~hhr_dolfinx.models.answer.SeveralAnswers`.
+        of: see :func:`check_asked`.
+        known: ``many.estimates()``, if it is already computed.
     """
     if of is not None and of not in SHOWN:
         singles = [(answer, answer.estimate()) for answer in many]

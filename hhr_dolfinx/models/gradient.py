@@ -15,12 +15,19 @@ GRAZING = 1e-7
 
 
 class Gradient(NamedTuple):
-    """Derivatives along the P parameters, with the statuses fixed."""
+    """Derivatives along the P parameters, with the statuses fixed.
 
-    unknown: np.ndarray  # of the unknown of the model, (n, P)
-    multipliers: np.ndarray  # of the forces on its conditions, (m, P)
-    grazing: np.ndarray  # conditions about to change their status, whose derivative is one-sided, (m,) bool
-    slack: np.ndarray  # of the slack, (m, P)
+    Attributes:
+        unknown: of the unknown of the model, (n, P).
+        multipliers: of the forces on its conditions, (m, P).
+        grazing: conditions about to change their status, whose derivative is one-sided, (m,) bool.
+        slack: of the slack, (m, P).
+    """
+
+    unknown: np.ndarray
+    multipliers: np.ndarray
+    grazing: np.ndarray
+    slack: np.ndarray
 
     @property
     def one_sided(self) -> bool:

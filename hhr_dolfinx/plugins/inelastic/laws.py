@@ -320,7 +320,7 @@ class Orthotropic(_Stated):
         super().__post_init__()
         check_frame(self.frame)
         if not self.formulas:
-            one, two, three, first, second, third, *_ = self.constants().values()
+            one, two, three, first, second, third, *_ = map(float, self.constants().values())
             stiff = np.diag([1 / one, 1 / two, 1 / three])
             stiff[0, 1:] = -first / one, -second / one
             stiff[1, 2] = -third / two

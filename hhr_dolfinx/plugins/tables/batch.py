@@ -33,23 +33,29 @@ OK = "ok"
 
 
 class Answers(NamedTuple):
-    """Answers to many parameters, one row each, with NaN in rows without an answer."""
+    """Answers to many parameters, one row each, with NaN in rows without an answer.
 
-    points: np.ndarray  # parameters, (S, P)
-    status: list[str]  # ``ok``, or the reason why there is no answer
-    forces: np.ndarray  # nodal contact forces on the whole surface, (S, N_lambda)
-    # outputs of the scene by the head of their column, ``name [unit]``, (S,) each
+    Attributes:
+        points: parameters, (S, P).
+        status: ``ok``, or the reason why there is no answer.
+        forces: nodal contact forces on the whole surface, (S, N_lambda).
+        outputs: outputs of the scene by the head of their column, ``name [unit]``, (S,) each.
+        estimates: estimates of the errors by the head of their column, (S,) each, see
+            :func:`~hhr_dolfinx.models.estimates.columns`: relative errors, but bounds of outputs in their units; NaN
+            without an estimate. Empty for a model without estimates.
+        largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
+        columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
+            answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
+        total_force: sum of the normal forces, (S,), if the law of the contacts has other forces too; else None.
+    """
+
+    points: np.ndarray
+    status: list[str]
+    forces: np.ndarray
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
-    # estimates of the errors by the head of their column, (S,) each, see :func:`~hhr_dolfinx.models.estimates.columns`:
-    # relative errors, but bounds of outputs in their units; NaN without an estimate. Empty for a model without
-    # estimates
     estimates: Mapping[str, np.ndarray] = MappingProxyType({})
-    # largest displacement of any node, (S,); None unless requested: it needs the whole field
     largest_displacement: np.ndarray | None = None
-    # further columns of the kind of model by head, (S,) each, such as the number of the local model that answered; see
-    # :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`
     columns: Mapping[str, np.ndarray] = MappingProxyType({})
-    # sum of the normal forces, (S,), if the law of the contacts has other forces too; else None
     total_force: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
