@@ -83,12 +83,9 @@ class InterfaceCompletion(Protocol):
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
 
     def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """Estimated relative error of forces.
+        """Estimated relative error of forces, from those in the RID, (m,), and the slack of all, (N_lambda,).
 
-        Args:
-            inside: forces in the RID, (m,).
-            slack: of all conditions under the displacement, (N_lambda,).
-            scale: length by which the gap of each is measured, (N_lambda,).
+        ``scale`` is the length by which the gap of each is measured, (N_lambda,).
         """
 
     def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
@@ -96,34 +93,21 @@ class InterfaceCompletion(Protocol):
 
 
 class ModelFields:
-    """Completes answers: computes fields on the whole mesh from the unknown of a model.
+    """Completes answers: fields on the whole mesh from the unknown of a model; parts that a model lacks are None."""
 
-    Parts that a kind of model lacks are None.
-
-    Attributes:
-        bound: bounds the error of an answer.
-        output_bound: estimates the errors of outputs.
-        indicator: estimates the error of an answer; the recipe chooses it.
-        flow: completes the fields of bodies with laws.
-        interface: completes forces and memory of a law of interfaces in hyper-reduced models.
-        functionals: outputs of the scene.
-        unbounded: reason why errors are not estimated, for models without an estimate.
-        full: the full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process.
-        exact: whether the model has no reduction error.
-    """
-
-    bound: Any = None
-    output_bound: Any = None
-    indicator: Any = None
-    flow: Completion | None = None
+    bound: Any = None  # bounds the error of an answer
+    output_bound: Any = None  # estimates the errors of outputs
+    indicator: Any = None  # estimates the error of an answer; the recipe chooses it
+    flow: Completion | None = None  # completes the fields of bodies with laws
+    # completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
-    functionals: Any = None
-    unbounded: str = ""
-    exact: ClassVar[bool] = False
+    functionals: Any = None  # outputs of the scene
+    unbounded: str = ""  # reason why errors are not estimated, for models without an estimate
+    exact: ClassVar[bool] = False  # whether the model has no reduction error
 
     @property
     def full(self) -> Meshed | None:
-        """See above."""
+        """The full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process."""
         return None
 
     @property
@@ -276,7 +260,7 @@ class Answer(NamedTuple):
             NotOfferedError: by a copy, or a model from a file, without ``full``; or without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
-        draw: registry.Drawing = registry.tool("drawing", "a figure of an answer")
+        draw = registry.tool("drawing", "a figure of an answer")
         return draw(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:
@@ -386,17 +370,11 @@ class History(Shown):
 
 
 class SeveralAnswers(Shown):
-    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
+    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`."""
 
-    Attributes:
-        points: parameters, (n, P).
-        status: why each search stopped.
-        iterations: equality problems solved for each, or iterations of a step, (n,).
-    """
-
-    points: np.ndarray
-    status: list[Status]
-    iterations: np.ndarray
+    points: np.ndarray  # parameters, (n, P)
+    status: list[Status]  # why each search stopped
+    iterations: np.ndarray  # equality problems solved for each, or iterations of a step, (n,)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
