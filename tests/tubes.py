@@ -23,10 +23,10 @@ def tube(law, pressure, cells=24, poisson=0.3, **others):
 
 def in_time(scene):
     """A model in which nothing flows, solved through its Gauss points and in time steps all the same."""
-    from hhr_dolfinx.plugins.inelastic.full_order import GaussModel
+    from hhr_dolfinx.plugins.inelastic.full_order import bodies_of
 
     full = hhr.FullOrderModel(scene)
-    gauss = GaussModel.of(scene)
+    gauss = bodies_of(scene)
     full._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
     full.equilibrium = gauss.equilibrium(full)
     return full

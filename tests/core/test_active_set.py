@@ -244,7 +244,7 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
             fields = SimpleNamespace(amplitudes=problem.amplitudes, interface=None)
             projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)
             model, loads = ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium, loads[free]
-        forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything).found.forces
+        forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything)[1].forces
     stiff, soft = (forces[problem.contact_pairs == pair] for pair in (0, 1))
     assert stiff.min() > 1e8 and not soft.any()
 

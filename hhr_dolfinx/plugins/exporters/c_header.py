@@ -321,14 +321,11 @@ class _Data:
     def _interpolant(self, item: dict[str, Any]) -> str:
         name = item["levels"].removesuffix("levels")
         rank, grid = self.arrays[item["weights"]].shape
-        own = {"axes": self._put(f"{name}axes", np.array(item["axes"], dtype=int))}
+        own: dict[str, object] = {"axes": self._put(f"{name}axes", np.array(item["axes"], dtype=int))}
         own |= {key: self._put(f"{name}{key}", item[key]) for key in ("lower", "upper", "nodes")}
         own |= {key: self._put(item[key]) for key in ("levels", "weights", "modes")}
-        fields = ", ".join(f".{key} = {value}" for key, value in own.items())
-        counts = (
-            f".axes_count = {len(item['axes'])}, .nodes_count = {len(item['nodes'])}, .grid = {grid}, .rank = {rank}"
-        )
-        return f"{{{fields}, {counts}}}"
+        own |= {"axes_count": len(item["axes"]), "nodes_count": len(item["nodes"]), "grid": grid, "rank": rank}
+        return _record(own)
 
     def _component(self, item: dict[str, Any]) -> str:
         arrays = ", ".join(f".{key} = {self._put(item[key])}" for key in ("conditions", "terms", "columns"))

@@ -75,13 +75,7 @@ class LawInDeck(Protocol):
         """True if a deck cannot say all of a pair's law."""
 
     def lines(self, law: object, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
-        """Lines in the interaction of a pair.
-
-        Args:
-            law: of the pair.
-            number: value of a formula at the point of the deck.
-            penalty: stiffness of its pressure.
-        """
+        """Lines in the interaction of a pair: its law, values of formulas at the point, and its penalty stiffness."""
 
 
 def _in_deck(law: PairLaw) -> LawInDeck:

@@ -46,7 +46,7 @@ PLUGIN = Plugin(
         f"{_HERE}.trained": "TrainedPaths",
         f"{_HERE}.update": "Group Material",
     },
-    methods={"force_correction": f"{_HERE}.project:of_training"},
+    methods={"force_correction": f"{_HERE}.project:force_correction"},
     recipes={"flowing": f"{_HERE}.recipe:flowing"},
     reductors={"plastic_correction": Way(f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True)},
     stages=(

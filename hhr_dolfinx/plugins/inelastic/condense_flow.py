@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -21,6 +21,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import is_number, is_whole
@@ -38,10 +39,6 @@ from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
-
 
 ROWS = 1500
 """Most integrals for the fit of a cubature, before compression."""
@@ -352,22 +349,14 @@ class CorrectionSettings(Reductor["_Shared"]):
 
 @dataclass(frozen=True, eq=False)
 class CorrectionFacts:
-    """Facts of a condensed inelastic model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """Facts of a condensed inelastic model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    Attributes:
-        settings: of the chosen attempt.
-        modes, points: numbers of them.
-        candidates: Gauss points with plastic strain in training.
-        misfit: of the cubature.
-        energy: largest energy of a mode by the cubature; the exact one is at most 1.
-    """
-
-    settings: CorrectionSettings
-    modes: int
-    points: int
-    candidates: int
-    misfit: float
-    energy: float
+    settings: CorrectionSettings  # of the chosen attempt
+    modes: int  # number of them
+    points: int  # number of them
+    candidates: int  # Gauss points with plastic strain in training
+    misfit: float  # of the cubature
+    energy: float  # largest energy of a mode by the cubature; the exact one is at most 1
 
 
 @dataclass(frozen=True)

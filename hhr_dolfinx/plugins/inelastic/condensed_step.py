@@ -320,7 +320,7 @@ ANY_ORDER = {"reassoc", "contract"}
 
 @compiled(inner=True, fastmath=ANY_ORDER)
 def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode):
-    """Compute the strain that the laws see."""
+    """Compute the strain that the laws see, at ``there`` under the forces there."""
     for k in range(strain.size):
         strain[k] = 0.0
     for a in range(count):
@@ -465,30 +465,23 @@ SLOW = 0.35
 """Factor by which |R| must fall in each iteration for an outdated J to be kept."""
 
 
-def begin(work: Work) -> None:
-    """Reset the work arrays before the first iterate of a step."""
-    numbers = work.numbers
-    numbers[ITERATION] = 0.0
-    numbers[SHARE] = 1.0
-    numbers[MERIT] = np.inf
-    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
-
-
-_begin = compiled(inner=True)(begin)
-
-
 @compiled(dear=STEP)
 def solve(model: StepModel, load: StepLoad, work: Work, laws: StepLaws, tolerance: float, most: int) -> int:
     """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
     A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the evaluations of the laws.
     """
-    _begin(work)
+    numbers = work.numbers
+    numbers[ITERATION] = 0.0
+    numbers[SHARE] = 1.0
+    numbers[MERIT] = np.inf
+    numbers[LINEAR] = min(numbers[LINEAR], OLD_TANGENT)
     code = EVALUATE
     while code == EVALUATE:
         if not touched(model, load.slack, work):
             return CONTACT
-        _try(model, load.strain, work)
+        active = work.forces, work.order, int(numbers[COUNT]), work.rows
+        _set_strain(work.strain, load.strain, *active, model.scale, work.there, model.per_mode)
         _evaluate(model.ends, load, laws, work, False)
         code = _judge(model, load, work, laws, tolerance, most)
     return code
@@ -599,14 +592,6 @@ def _nearer(work, most):
     for j in range(work.here.size):
         work.there[j] = work.here[j] + numbers[SHARE] * work.direction[j]
     return EVALUATE
-
-
-@compiled(inner=True)
-def _try(model, free, work):
-    """Compute the strain at ``work.there`` under the forces there."""
-    strain = work.strain
-    count = int(work.numbers[COUNT])
-    _set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
 
 
 @compiled(inner=True)

@@ -57,24 +57,17 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
 
     Args:
         rows: contribution of each of P points to each of R integrals, weights of the quadrature included, (R, P).
-        tolerance: relative misfit at which the search stops; 0 continues to the least misfit.
-        most: largest number of points, which may not reach the tolerance; None for the number of rows.
+        tolerance: relative misfit at which the search stops, in [0, 1); 0 continues to the least misfit.
+        most: largest number of points, from 1, which may not reach the tolerance; None for the number of rows.
         start: a cubature of the same candidates for other integrals, such as those of fewer modes, to start from.
 
     Raises:
-        ReductionError: for rows that are no finite table, a tolerance outside [0, 1), ``most`` below 1.
+        ReductionError: for rows that are not finite.
 
     Example:
         >>> fitted(np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]]), 1e-10)
         Cubature(points=array([1]), weights=array([3.]), misfit=0.0)
     """
-    if not 0 <= tolerance < 1:
-        raise ReductionError(f"the tolerance {tolerance} of a cubature must lie in [0, 1)")
-    if most is not None and most < 1:
-        raise ReductionError(f"a cubature with at most {most} points integrates nothing: allow 1 or more")
-    rows = np.asarray(rows, dtype=float)
-    if rows.ndim != 2:
-        raise ReductionError(f"the rows of a cubature have shape {rows.shape}: one row for each integral is needed")
     lengths = np.sqrt(np.einsum("rp,rp->p", rows, rows))
     if not np.isfinite(lengths).all():
         bad = int(np.argmin(np.isfinite(lengths)))
@@ -109,12 +102,8 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
         tolerance: size of the part that may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
 
     Raises:
-        ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit, or are missing.
+        ReductionError: for chunks that are not finite, do not fit, or are missing.
     """
-    if not 0 < tolerance < 1:
-        raise ReductionError(f"the tolerance {tolerance} of the compression of rows must lie in (0, 1)")
-    if not callable(chunks):
-        raise ReductionError(f"chunks = {chunks!r} are asked for twice: give a function that returns them")
     gram = _gram(chunks())
     total = float(np.trace(gram))
     if total == 0:

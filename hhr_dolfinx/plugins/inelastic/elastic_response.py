@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -11,13 +10,10 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.full import FullModel
-
 
 SMALL_CORRECTION = 1e-3
 """Size of a correction, relative to the largest, above which its weight is the root of its size."""

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import dataclass
 from math import prod
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -23,20 +23,6 @@ from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import LastOf, Material
-
-
-class Correction(NamedTuple):
-    """Solution of one linearised contact problem: change of the unknown, total contact forces and their statuses."""
-
-    change: np.ndarray
-    found: Statuses
-
-
-class Changing(Protocol):
-    """A converged step, for its derivatives."""
-
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
 
 
 @dataclass(frozen=True)
@@ -59,16 +45,19 @@ class Linearisation:
         theta: Theta,
         active: np.ndarray,
         contact: StepContact = UNILATERAL_STEP,
-    ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts."""
+    ) -> tuple[np.ndarray, Statuses]:
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts.
+
+        Returns the change δ of the unknown, and total contact forces with their statuses.
+        """
         with self.held():  # columns of S may be solved for within the active set
             free = self.solve(residual)
             slack = self.gaps @ theta - self.rows @ (x + free)
             found = contact.solved(self.equalities, slack, active, self.pairs)
-        return Correction(free - self.push(found.forces), found)
+        return free - self.push(found.forces), found
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Changing`."""
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
         with self.held():
             free = self.solve(residual)
             forces, _ = self.equalities(active, gaps - self.rows @ free)
@@ -212,8 +201,8 @@ class Equilibrium(ABC):
         """Signs at a solved step that the model left its training."""
 
     @abstractmethod
-    def linearised(self, tangents: Any) -> Changing:
-        """Linearisation for consistent tangents; linearisations of earlier tangents become invalid."""
+    def linearised(self, tangents: Any) -> Any:
+        """Linearisation for consistent tangents, with ``changed``; those of earlier tangents become invalid."""
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:

@@ -33,17 +33,11 @@ from hhr_dolfinx.plugins.inelastic.update import Material
 
 
 class CorrectedForces(NamedTuple):
-    """Contact forces of one step, corrected once.
+    """Contact forces of one step, corrected once."""
 
-    Attributes:
-        forces: on all conditions, (m,).
-        error: their distance from those of the model, an indicator of its error, in the unit of force.
-        relative: the same over the norm of these forces; infinite if bodies part that touch in the model.
-    """
-
-    forces: np.ndarray
-    error: float
-    relative: float
+    forces: np.ndarray  # on all conditions, (m,)
+    error: float  # their distance from those of the model, an indicator of its error, in the unit of force
+    relative: float  # the same over the norm of these forces; infinite if bodies part that touch in the model
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.formulas import coordinate_names
+from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
@@ -31,6 +31,7 @@ from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
+from hhr_dolfinx.plugins.inelastic.outputs import FlowMises, mises
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -40,9 +41,7 @@ from hhr_dolfinx.plugins.inelastic.update import Material
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
 
 @dataclass(frozen=True)
@@ -64,24 +63,11 @@ class GaussModel:
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
-        return _mises(self.operator, output, cells)
+        return mises(self.operator, output, cells)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
         return FullEquilibrium(full, self)
-
-    @classmethod
-    def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
-        """The Gauss points of a scene; SceneError for a law with inadmissible constants somewhere in the box."""
-        for body in scene.bodies:
-            names = coordinate_names(scene.hypothesis)
-            check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
-        discretisation = Discretisation(scene, comm)
-        operator = strain_operator(discretisation)
-        bodies = discretisation.cell_bodies()
-        material = material_at(discretisation, bodies, operator)
-        pattern = operator.pattern()
-        return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
 class FullEquilibrium(MeshEquilibrium):
@@ -100,7 +86,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.problem = problem
         self.operator = gauss.operator
         self.places = gauss.places
-        self.mises = partial(_mises, gauss.operator)
+        self.mises = partial(mises, gauss.operator)
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts
@@ -270,12 +256,6 @@ class FullEquilibrium(MeshEquilibrium):
             return found
 
 
-def _mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
-    from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
-
-    return mises(operator, output, cells)
-
-
 def equilibrium_of(full: FullModel) -> FullEquilibrium:
     """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
     found: Any = full.equilibrium
@@ -285,5 +265,14 @@ def equilibrium_of(full: FullModel) -> FullEquilibrium:
 
 
 def bodies_of(scene: Scene) -> GaussModel:
-    """The Gauss points of a scene: the facet ``full_order``."""
-    return GaussModel.of(scene)
+    """The Gauss points of a scene: the facet ``full_order``; SceneError for constants of laws not valid in the box."""
+    for body in scene.bodies:
+        names = coordinate_names(scene.hypothesis)
+        check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
+    discretisation = Discretisation(scene, MPI.COMM_SELF)
+    operator = strain_operator(discretisation)
+    bodies = discretisation.cell_bodies()
+    material = material_at(discretisation, bodies, operator)
+    pattern = operator.pattern()
+    parts = stiffness_parts(material, operator, pattern)
+    return GaussModel(discretisation, operator, material, bodies, pattern, *parts)

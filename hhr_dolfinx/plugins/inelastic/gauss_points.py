@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -12,9 +12,11 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import kelvin
 from hhr_dolfinx.formulas import Modulus, coordinate_names
+from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.plugins.inelastic.constants import check_law, parameters_of
@@ -22,10 +24,6 @@ from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:

@@ -47,12 +47,12 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     code_of,
     solve_points,
 )
+from hhr_dolfinx.plugins.programs.graph import Graph
 from hhr_dolfinx.plugins.programs.machine import evaluated
 from hhr_dolfinx.plugins.programs.program import Order, Program
 
 if TYPE_CHECKING:
     from hhr_dolfinx.forms.laws import At, Stated
-    from hhr_dolfinx.plugins.programs.graph import Graph
 
 NUMBER = 1
 TENSOR = 0
@@ -103,12 +103,9 @@ class Law:
         """Constants that are formulas of the parameters, by name."""
         return {name: value for name, value in self.constants().items() if isinstance(value, str)}
 
-    def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> object:
+    def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> None:
         """Raise SceneError for numbers of constants outside their limits."""
-        for name, number in numbers.items():
-            for value in ends_of(number):
-                check_constant(self.name, name, value, self.limits.get(name, ANY), place)
-        return None
+        _check_numbers(self.name, numbers, self.limits, place)
 
     def constants(self) -> dict[str, float | str]:
         """Constants by name, numbers or formulas."""
@@ -141,11 +138,14 @@ def _is_constant(kind: Any) -> bool:
     return words in ("float", "float|str", "str|float")
 
 
-def ends_of(number: float | np.ndarray) -> list[float]:
-    """Least and largest of the values of a constant, a number or one for each place; none of no places."""
-    if not isinstance(number, np.ndarray):
-        return [number]
-    return [float(number.min()), float(number.max())] if number.size else []
+def _check_numbers(law: str, numbers: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], place: str) -> None:
+    """Raise SceneError for constants outside their limits, each a number, or one for each place if there are any."""
+    for name, number in numbers.items():
+        values = [number]
+        if isinstance(number, np.ndarray):
+            values = [float(number.min()), float(number.max())] if number.size else []
+        for value in values:
+            check_constant(law, name, value, limits.get(name, ANY), place)
 
 
 def check_constant(law: str, name: str, value: float, limits: tuple[float, float], place: str = "") -> None:
@@ -201,38 +201,22 @@ def hooke(
 
 @dataclass(frozen=True, eq=False)
 class LawProgram(Rebuilt):
-    """A law as data: what a file keeps of it, and all that a step needs.
+    """A law as data: what a file keeps of it, and all that a step needs."""
 
-    Attributes:
-        name: name of its class.
-        program: with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`.
-        strains: components of the strain.
-        memory, sizes: names and numbers of components of its internal variables, of which the first are inelastic and
-            cumulated.
-        kinds: kind of each unknown.
-        constants: names of the constants after E and ν.
-        values: their numbers or formulas.
-        low, high: their open intervals.
-        rated: whether the answer depends on the duration of a step.
-        elastic: whether its constants, and not E and ν, state the elasticity.
-        reason: what is wrong beyond its limit; empty without one.
-        plane_stress: whether it is stated for it.
-    """
-
-    name: str
-    program: Program
-    strains: int
-    memory: tuple[str, ...]
-    sizes: Annotated[Integers, "variables"]
-    kinds: Annotated[Integers, "unknowns"]
-    constants: tuple[str, ...]
-    values: tuple[float | str, ...]
-    low: Annotated[Floats, "constants"]
-    high: Annotated[Floats, "constants"]
-    rated: bool
-    elastic: bool = False
-    reason: str = ""
-    plane_stress: bool = False
+    name: str  # name of its class
+    program: Program  # with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`
+    strains: int  # components of the strain
+    memory: tuple[str, ...]  # names of its internal variables, of which the first are inelastic and cumulated
+    sizes: Annotated[Integers, "variables"]  # their numbers of components
+    kinds: Annotated[Integers, "unknowns"]  # kind of each unknown
+    constants: tuple[str, ...]  # names of the constants after E and ν
+    values: tuple[float | str, ...]  # their numbers or formulas
+    low: Annotated[Floats, "constants"]  # start of their open intervals
+    high: Annotated[Floats, "constants"]  # end of these
+    rated: bool  # whether the answer depends on the duration of a step
+    elastic: bool = False  # whether its constants, and not E and ν, state the elasticity
+    reason: str = ""  # what is wrong beyond its limit; empty without one
+    plane_stress: bool = False  # whether it is stated for it
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -280,10 +264,8 @@ class LawProgram(Rebuilt):
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> LawProgram:
         """The law with numbers for some constants; SceneError for those outside their limits."""
-        for name, low, high in zip(self.constants, self.low, self.high, strict=True):
-            if name in numbers:
-                for value in ends_of(numbers[name]):
-                    check_constant(self.name, name, value, (low, high), place)
+        limits = zip(self.low, self.high, strict=True)
+        _check_numbers(self.name, numbers, dict(zip(self.constants, limits, strict=True)), place)
         values = [numbers.get(name, value) for name, value in zip(self.constants, self.values, strict=True)]
         return replace(self, values=tuple(values))
 
@@ -415,9 +397,8 @@ class _Made:
     def __init__(self, law: Law, strains: int):
         from hhr_dolfinx.forms.laws import At
         from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
-        from hhr_dolfinx.plugins.programs.graph import Graph
 
-        self.graph: Graph = Graph()
+        self.graph = Graph()
         self.law = law
         declared = [*law.memory.values(), *law.unknowns.values()]
         if set(law.memory) & set(STANDARD) or not all(type(size) is int and size >= 0 for size in declared):

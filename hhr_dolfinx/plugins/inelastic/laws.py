@@ -32,6 +32,7 @@ class _Stated(Law):
     """A law of :mod:`hhr_dolfinx.forms.laws`, by the name of its function."""
 
     stated: ClassVar[str]
+    passed: ClassVar[tuple[str, ...]] = ()  # fields that are further arguments of the function
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
@@ -42,7 +43,25 @@ class _Stated(Law):
 
     def settings(self) -> dict[str, object]:
         """Further arguments of the function."""
-        return {}
+        return {name: getattr(self, name) for name in self.passed}
+
+
+class _Framed(_Stated):
+    """A law in a frame of the material."""
+
+    frame: tuple[tuple[float, float, float], ...]
+    passed: ClassVar = ("frame",)
+
+    def __post_init__(self) -> None:
+        """Refuse a frame that is not three orthogonal unit vectors, as rows, with a SceneError."""
+        super().__post_init__()
+        try:
+            rows = np.array(self.frame, dtype=float)
+            right = rows.shape == (3, 3) and bool(np.abs(rows @ rows.T - np.eye(3)).max() < 1e-9)
+        except (TypeError, ValueError):
+            right = False
+        if not right:
+            raise SceneError(f"the frame {self.frame!r} must be three orthogonal unit vectors, as rows")
 
 
 @dataclass(frozen=True)
@@ -94,6 +113,7 @@ class TabulatedHardening(_Stated):
     points: tuple[tuple[float, float], ...]
     unknowns: ClassVar = _AMOUNT
     stated: ClassVar = "tabulated"
+    passed: ClassVar = ("points",)
 
     def __post_init__(self) -> None:
         try:
@@ -109,10 +129,6 @@ class TabulatedHardening(_Stated):
                 f"the table {self.points} needs (p, stress) with p growing from 0, and a stress that is positive and "
                 "does not fall: softening has no answer that does not depend on the mesh"
             )
-
-    def settings(self) -> dict[str, object]:
-        """See above."""
-        return {"points": self.points}
 
 
 @dataclass(frozen=True)
@@ -260,7 +276,7 @@ class DruckerPrager(_Stated):
 
 
 @dataclass(frozen=True)
-class Hill(_Stated):
+class Hill(_Framed):
     """Orthotropic yield in a frame, with linear hardening; F = G = H = 1/2 and L = M = N = 3/2 are von Mises'.
 
     Attributes:
@@ -282,17 +298,9 @@ class Hill(_Stated):
     limits: ClassVar = {**_YIELD, **dict.fromkeys("fghlmn", POSITIVE)}
     stated: ClassVar = "hill"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_frame(self.frame)
-
-    def settings(self) -> dict[str, object]:
-        """See above."""
-        return {"frame": self.frame}
-
 
 @dataclass(frozen=True)
-class Orthotropic(_Stated):
+class Orthotropic(_Framed):
     """Orthotropic elasticity, as of wood and composites; E and ν of the body are typical values.
 
     Attributes:
@@ -316,6 +324,7 @@ class Orthotropic(_Stated):
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
 
+<<<<<<< HEAD
     def __post_init__(self) -> None:
         super().__post_init__()
         check_frame(self.frame)
@@ -327,6 +336,8 @@ class Orthotropic(_Stated):
             if not (np.linalg.eigvalsh(stiff, UPLO="U") > 0).all():
                 raise SceneError("the ratios of Orthotropic are impossible: strains would have negative energies")
 
+=======
+>>>>>>> t_c4
     @classmethod
     def transverse(
         cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, **more: object
@@ -346,10 +357,6 @@ class Orthotropic(_Stated):
             plane,
             **more,  # type: ignore[arg-type]
         )
-
-    def settings(self) -> dict[str, object]:
-        """See above."""
-        return {"frame": self.frame}
 
 
 @dataclass(frozen=True)
@@ -372,12 +379,9 @@ class Lemaitre(_Stated):
     stated: ClassVar = "lemaitre"
 
 
+@dataclass(frozen=True)
 class Elasticity(Law):
     """Hooke's law."""
-
-    def constants(self) -> dict[str, float | str]:
-        """See :class:`Law`."""
-        return {}
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
@@ -506,14 +510,3 @@ class MooneyRivlin(_Stated):
     finite: ClassVar[bool] = True
     limits: ClassVar = {"share": (-1e-12, 1.000001)}
     stated: ClassVar = "mooney_rivlin"
-
-
-def check_frame(frame: tuple[tuple[float, float, float], ...]) -> None:
-    """Raise SceneError unless three rows are orthogonal unit vectors."""
-    try:
-        rows = np.array(frame, dtype=float)
-        right = rows.shape == (3, 3) and bool(np.abs(rows @ rows.T - np.eye(3)).max() < 1e-9)
-    except (TypeError, ValueError):
-        right = False
-    if not right:
-        raise SceneError(f"the frame {frame!r} must be three orthogonal unit vectors, as rows")

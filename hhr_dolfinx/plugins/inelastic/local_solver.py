@@ -12,15 +12,13 @@ solved, or need no solution, stay as they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.plugins.programs.machine import BLOCK, run, set_numbers
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.programs.program import Program
+from hhr_dolfinx.plugins.programs.program import Program
 
 TRIAL, START, LOCAL, AFTER, SLOPES, REST, REST_SLOPES = range(7)
 """Parts of the program of a law: whether there is something to solve for; first iterate; residual and its derivatives

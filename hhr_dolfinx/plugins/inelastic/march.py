@@ -16,13 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import (
-    ConvergenceError,
-    NotOfferedError,
-    NotSolvableError,
-    ParameterError,
-    SceneError,
-)
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error

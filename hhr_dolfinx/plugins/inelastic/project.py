@@ -20,10 +20,9 @@ from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.reduction.build import Draft
+from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.snapshots.records import SnapshotSet
     from hhr_dolfinx.study.training.train import Training
 
 
@@ -127,23 +126,16 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
         ) from error
 
 
-def of_training(training: Training) -> ForceCorrection:
+def force_correction(training: Training) -> ForceCorrection:
     """Correction of forces for any model of a training: ``training.force_correction()``.
 
-    ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
-
-    Raises:
-        ReductionError: see :func:`force_correction`.
-    """
-    return force_correction(training.full_order)
-
-
-def force_correction(full: FullModel) -> ForceCorrection:
-    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`plugins.inelastic.force_correction`.
+    ``correction.of(history)`` has better forces of each step, and their distance from those of the model, see
+    :mod:`plugins.inelastic.force_correction`.
 
     Raises:
         ReductionError: for an elastic scene, and if moduli are no factors of connected components.
     """
+    full = training.full_order
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")
     problem = full.problem

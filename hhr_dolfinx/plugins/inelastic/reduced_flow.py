@@ -189,7 +189,9 @@ class ReducedEquilibrium(MeshEquilibrium):
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
-        return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
+        rows = np.zeros((self.flow.inner.size, self.size))
+        _rows_times(change.indptr, change.indices, change.data, self.flow.inner, self.flow.modes, rows)
+        return self.problem.stiffness + self._test @ rows
 
 
 def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
@@ -201,15 +203,9 @@ def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli:
     return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
 
 
-def _product(matrix: csr_matrix, rows: np.ndarray, dense: np.ndarray) -> np.ndarray:
-    """Some rows of a sparse matrix, many of which are zero, times a dense one."""
-    out = np.zeros((rows.size, dense.shape[1]))
-    _rows_times(matrix.indptr, matrix.indices, matrix.data, rows, dense, out)
-    return out
-
-
 @compiled()
 def _rows_times(indptr, indices, data, rows, dense, out):
+    """Add some rows of a sparse matrix, many of which are zero, times a dense one."""
     for r in range(rows.size):
         for position in range(indptr[rows[r]], indptr[rows[r] + 1]):
             value = data[position]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import OF_A_RID, TRAINED, TrustLimits, compared_histories
 from hhr_dolfinx.errors import HHRError, ReductionError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
@@ -22,9 +23,6 @@ from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.warn import warn
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
 
 STRESS = 1e-9
 PLASTIC_STRAIN = 1e-6
@@ -72,7 +70,11 @@ def checked_histories(
     if not signs:  # without limits all paths may have failed
         return None, None
     paths = [history.path for history in snapshots.histories]
-    known = Known(signs, [_onset(model, path) for path in paths], _largest_motion(full, snapshots))
+    problem = full.problem
+    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+    motion = problem.contact_rows_times(snapshots.displacements)
+    largest = max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
+    known = Known(signs, [_onset(model, path) for path in paths], largest)
     trained = TrainedPaths.of(paths, full.parameters, known, equilibrium_of(full).material.rated)
     if limits is not None:
         check_door(trained, limits)
@@ -186,11 +188,3 @@ class _Reduction:
 
 REDUCTION = _Reduction()
 COMPARISON = _Comparison()
-
-
-def _largest_motion(full: FullModel, training: Solutions) -> float:
-    """Largest gap or relative motion of contact surfaces in training."""
-    problem = full.problem
-    gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
-    motion = problem.contact_rows_times(training.displacements)
-    return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.inelastic import constants
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.body import Body
+from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 
 
 def _uneven(body: Body) -> bool:
@@ -17,6 +15,8 @@ def _uneven(body: Body) -> bool:
 
 
 class _LawsOfScenes:
+    parameters_of = staticmethod(parameters_of)
+
     def check_body(self, body: Body) -> None:
         """Raise SceneError for elasticity that varies in space, or a ratio that is a formula."""
         if _uneven(body):
@@ -39,10 +39,6 @@ class _LawsOfScenes:
             raise SceneError(
                 f"bodies of scene '{scene.name}' flow, and their shape depends on parameters: not built in"
             )
-
-    def parameters_of(self, law: object) -> set[str]:
-        """Names of the parameters on which a law depends."""
-        return constants.parameters_of(law)
 
 
 SCENES = _LawsOfScenes()

@@ -17,15 +17,10 @@ if TYPE_CHECKING:
 
 
 class GaussState(NamedTuple):
-    """Stress and memory of the material at the Gauss points where a model evaluates its laws.
+    """Stress and memory of the material at the Gauss points where a model evaluates its laws."""
 
-    Attributes:
-        stress: Kelvin's notation, (Gauss points, components).
-        state: inelastic strain, its cumulated amount, and further variables of laws.
-    """
-
-    stress: np.ndarray
-    state: State
+    stress: np.ndarray  # Kelvin's notation, (Gauss points, components)
+    state: State  # inelastic strain, its cumulated amount, and further variables of laws
 
 
 def state(answer: Answer) -> GaussState:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import slack_residuals
 from hhr_dolfinx.files import MAPPED
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, state
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import add_to
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
 
 
 class StoredGauss:

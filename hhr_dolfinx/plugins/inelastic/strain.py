@@ -19,19 +19,12 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 
 @dataclass(frozen=True)
 class StrainOperator:
-    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation.
+    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation."""
 
-    Attributes:
-        gradients: matrix G of each cell, (cells, per_cell, components, dofs of a cell).
-        weights: quadrature weight times volume of each Gauss point, (cells, per_cell).
-        dofs: number of each dof of a cell, (cells, dofs of a cell).
-        size: number of all dofs.
-    """
-
-    gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]
-    weights: Annotated[Floats, "cells", "per cell"]
-    dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]
-    size: Annotated[Size, "dofs"]
+    gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]  # matrix G of each cell
+    weights: Annotated[Floats, "cells", "per cell"]  # quadrature weight times volume of each Gauss point
+    dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]  # number of each dof of a cell
+    size: Annotated[Size, "dofs"]  # number of all dofs
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of the weights."""

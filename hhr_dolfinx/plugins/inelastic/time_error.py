@@ -23,14 +23,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
-from hhr_dolfinx.plugins.inelastic.law import State
+from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import Material
@@ -48,18 +48,11 @@ SUDDEN = 1e-6
 """Part of a step in which the rate of a law at a given stress is computed from its flow."""
 
 
-class _Rated(NamedTuple):
-    """A body whose law has rates."""
-
-    points: np.ndarray
-    place: int  # its index among the groups of the material
-
-
 @dataclass(frozen=True)
 class TimeError:
     """Time error at the end of a step; each step creates another one."""
 
-    bodies: tuple[_Rated, ...]  # bodies with rates
+    bodies: tuple[int, ...]  # bodies whose law has rates, as indices of the groups of the material
     together: Points  # reductions over the points of all ranks
     error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
     rate: tuple[np.ndarray, ...] | None  # C times the rate of inelastic strain, per second, if it is known
@@ -72,12 +65,9 @@ class TimeError:
     def at_rest(cls, model: Equilibrium, answer: Answer) -> TimeError:
         """Time error at the start of a history, for a model with numbers as moduli."""
         material = model.material.at(answer.parameter)
-        bodies = tuple(
-            _Rated(group.indices, place)
-            for place, group in enumerate(material.groups)
-            if group.law is not None and group.law.rated
-        )
-        nothing = tuple(np.zeros((body.points.size, material.components)) for body in bodies)
+        groups = material.groups
+        bodies = tuple(k for k, group in enumerate(groups) if group.law is not None and group.law.rated)
+        nothing = tuple(np.zeros((groups[k].indices.size, material.components)) for k in bodies)
         return cls(bodies, model.together, nothing, nothing)
 
     @property
@@ -132,18 +122,18 @@ class TimeError:
         self, k: int, material: Material, before: Answer, answer: Answer, dt: float
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
-        points, place = self.bodies[k]
-        elastic = material.given[place].elastic
+        place = self.bodies[k]
+        points = material.groups[place].indices
+        given = material.given[place]
         old = _there(before, points)
-        flowed = (gauss_of(answer).state.inelastic[points] - old.inelastic) @ elastic
-        strain = _strain(answer, points, material, place)
+        flowed = (gauss_of(answer).state.inelastic[points] - old.inelastic) @ given.elastic
+        strain = _strain(answer, points, given)
         law: Any = material.groups[place].law
-        tangents = law.update(strain, old, dt, material.given[place], tangent=True).tangents
-        rest = self.rate[k] if self.rate is not None else _rate(law, material, before, self.bodies[k], dt)
+        tangents = law.update(strain, old, dt, given, tangent=True).tangents
+        rest = self.rate[k] if self.rate is not None else _rate(law, before, points, given, dt)
         added = (flowed - dt * rest) / 2
-        compliance = material.given[place].compliance
-        error = np.einsum("nij,nj->ni", tangents, (self.error[k] + added) @ compliance.T)
-        kept = np.einsum("nij,nj->ni", tangents, added @ compliance.T)
+        error = np.einsum("nij,nj->ni", tangents, (self.error[k] + added) @ given.compliance.T)
+        kept = np.einsum("nij,nj->ni", tangents, added @ given.compliance.T)
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
@@ -152,38 +142,31 @@ def _there(answer: Answer, points: np.ndarray) -> State:
     return State(*(part[points] for part in gauss_of(answer).state))
 
 
-def _strain(answer: Answer, points: np.ndarray, material: Material, place: int) -> np.ndarray:
+def _strain(answer: Answer, points: np.ndarray, given: Given) -> np.ndarray:
     """Strain of an answer at some points, from stress and inelastic strain, (n, c)."""
-    found: np.ndarray = gauss_of(answer).stress[points] @ material.given[place].compliance
+    found: np.ndarray = gauss_of(answer).stress[points] @ given.compliance
     return found + gauss_of(answer).state.inelastic[points]
 
 
-def _rate(law: Any, material: Material, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
+def _rate(law: LawProgram, answer: Answer, points: np.ndarray, given: Given, dt: float) -> np.ndarray:
     """C times the rate of inelastic strain at a stress: the flow of a law in a short time, (n, c)."""
     moment = SUDDEN * dt
-    given = material.given[body.place]
-    old = _there(answer, body.points)
-    strain = _strain(answer, body.points, material, body.place)
-    state = law.update(strain, old, moment, given, tangent=False).state
+    old = _there(answer, points)
+    state = law.update(_strain(answer, points, given), old, moment, given, tangent=False).state
     return (state.inelastic - old.inelastic) @ given.elastic / moment
 
 
-class Parted(NamedTuple):
-    """A step of a path that was solved in parts."""
-
-    parts: list[Answer]  # answers at their ends
-    error: TimeError  # at the end
-    spent: int  # iterations of all attempts, discarded ones included
-
-
-def in_parts(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError, tolerance: float) -> Parted:
+def in_parts(
+    stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError, tolerance: float
+) -> tuple[list[Answer], TimeError, int]:
     """Solve a step of a path in parts, so that none adds more than the allowed error.
 
     A part may add tolerance times 1 - D, so that with the decay of the error the estimate stays below the tolerance. If
     D is near 1, it may add the same as if the path had ``STEPS`` steps: later steps are unknown. The allowed error is
     about proportional to the length of a part, and the added error to its square. The length of the next part, or of
     the same one once more, changes by their ratio. The first attempt is the whole step, so that a history that
-    continues after stored answers finds the same parts. ``error`` is that at the start of the step.
+    continues after stored answers finds the same parts. ``error`` is that at the start of the step. Returns the answers
+    at the ends of the parts, the error at the end, and the iterations of all attempts, discarded ones included.
 
     Raises:
         Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.
@@ -215,7 +198,7 @@ def in_parts(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: Tim
         done = end
         trail = (*trail, *found)[-3:]
         if done == 1:
-            return Parted(solved, error, spent)
+            return solved, error, spent
     raise Diverged(
         f"a time tolerance of {tolerance:g} takes more than {MOST_PARTS} parts of a step: allow a larger one"
     )

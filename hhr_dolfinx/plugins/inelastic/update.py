@@ -6,18 +6,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from functools import cached_property
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
 from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, Update, hooke
 from hhr_dolfinx.plugins.inelastic.local_solver import Code, code_of
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import ParameterSpace
 
 
 @dataclass(frozen=True)
@@ -105,9 +104,6 @@ class Material:
         self._moduli = ModuliOfParameters(texts, self.names) if texts else None
         self._at_points = LastOf()
         self._at_moduli = LastOf()
-        self._elastic: np.ndarray | None = None
-        self._given: tuple[Given, ...] = ()
-        self._code: Code | None = None
         self.gauss_points = sum(group.indices.size for group in self.groups)
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
         if not np.array_equal(np.sort(indices), np.arange(self.gauss_points)):
@@ -132,16 +128,13 @@ class Material:
                 scalar = Scalar(group.young, space.names)
                 check_over_box(scalar, space, "young", 0.0, math.inf, "Young's modulus must be positive")
 
-    @property
+    @cached_property
     def elastic(self) -> np.ndarray:
         """Elastic tangents, (gauss_points, components, components); moduli must be numbers, see :meth:`moduli_at`."""
-        if self._elastic is None:
-            elastic = np.empty((self.gauss_points, self.components, self.components))
-            for group in self.groups:
-                elastic[group.indices] = group.elasticity(self.components)
-            # a single assignment, since several threads may evaluate this
-            self._elastic = elastic
-        return self._elastic
+        elastic = np.empty((self.gauss_points, self.components, self.components))
+        for group in self.groups:
+            elastic[group.indices] = group.elasticity(self.components)
+        return elastic
 
     @property
     def flows(self) -> bool:
@@ -153,12 +146,10 @@ class Material:
         """True if any law depends on rates."""
         return any(group.law is not None and group.law.rated for group in self.groups)
 
-    @property
+    @cached_property
     def code(self) -> Code:
         """Programs of the laws of all groups that have one, kept for materials with other constants."""
-        if self._code is None:
-            self._code = code_of([group.law.coded for group in self.groups if group.law is not None])
-        return self._code
+        return code_of([group.law.coded for group in self.groups if group.law is not None])
 
     @property
     def remembered(self) -> int:
@@ -188,8 +179,8 @@ class Material:
             groups = enumerate(elastic.groups)
             found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
             found._laws = {}
-            found._given = ()
-            found._code = elastic.code  # programs are the same for any constants
+            vars(found).pop("given", None)
+            found.code = elastic.code  # programs are the same for any constants
             return found
 
         return self._at_points.of(point.tobytes(), made)
@@ -208,8 +199,9 @@ class Material:
             found.groups = tuple(
                 replace(group, young=values.get(k, group.young)) for k, group in enumerate(self.groups)
             )
-            found._moduli = found._elastic = None
-            found._given = ()
+            found._moduli = None
+            for name in ("elastic", "given"):
+                vars(found).pop(name, None)
             found._at_points = LastOf()
             return found
 
@@ -227,12 +219,10 @@ class Material:
         points = self.gauss_points
         return State(np.zeros((points, self.components)), np.zeros(points), np.zeros((points, self.remembered)))
 
-    @property
+    @cached_property
     def given(self) -> tuple[Given, ...]:
         """Constants and elasticity of each group, which must be numbers, see :meth:`at`."""
-        if not self._given:
-            self._given = tuple(group.given(self.components) for group in self.groups)
-        return self._given
+        return tuple(group.given(self.components) for group in self.groups)
 
     def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
         """Stress and state at the end of a step, by laws whose constants are numbers, see :meth:`at`.

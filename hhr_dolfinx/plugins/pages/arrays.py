@@ -61,26 +61,21 @@ def check_model(model: object, what: str = "a page") -> None:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
 
-def interpolates(model: CondensedModel) -> bool:
+def interpolates(model: object) -> bool:
     """True if S of a model is interpolated, which takes a plug-in that may be missing."""
     if "moduli" not in registry.installed():
         return False
     from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 
-    return isinstance(model.eliminated, Compliances)
+    return isinstance(model, CondensedModel) and isinstance(model.eliminated, Compliances)
 
 
 class LawOnPage(Protocol):
-    """Facet ``page`` of a law of interfaces.
+    """Facet ``page`` of a law of interfaces."""
 
-    Attributes:
-        key: name of its data in the tree of a page.
-        script, header: files in JavaScript and C that solve by the law.
-    """
-
-    key: str
-    script: Path
-    header: Path
+    key: str  # name of its data in the tree of a page
+    script: Path  # file in JavaScript that solves by the law
+    header: Path  # the same in C
 
     def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
         """Rows and constants of the law."""
@@ -108,17 +103,13 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
     """
     arrays = Packed()
-    tree = contact_tree(model, arrays) | {"bound": _bound(model, arrays)}
+    tree = contact_tree(model, arrays) | {"bound": None}
+    if interpolates(model):
+        from hhr_dolfinx.plugins.pages.interpolated import bound_tree
+
+        tree["bound"] = bound_tree(model, arrays)
     tree |= pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
-
-
-def _bound(model: Any, arrays: Packed) -> dict[str, Any] | None:
-    if flows(model) or not interpolates(model):
-        return None
-    from hhr_dolfinx.plugins.pages.interpolated import bound_tree
-
-    return bound_tree(model, arrays)
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:

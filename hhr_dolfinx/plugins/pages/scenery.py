@@ -25,21 +25,15 @@ _ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "
 
 @dataclass(frozen=True, eq=False)
 class Strains:
-    """Data to compute von Mises' stress of cells from a displacement.
+    """Data to compute von Mises' stress of cells from a displacement."""
 
-    Attributes:
-        cells, bodies: index of the cell of each drawn triangle, (t,), and body of each cell, (c,).
-        rows: strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell,
-            (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress.
-        moduli: λ' and μ' of each body as formulas of the parameters.
-        plane_stress: True if the out-of-plane stress is zero.
-    """
-
-    cells: np.ndarray
-    bodies: np.ndarray
+    cells: np.ndarray  # index of the cell of each drawn triangle, (t,)
+    bodies: np.ndarray  # body of each cell, (c,)
+    # strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell, (4 c, N),
+    # in space (6 c, N); the out-of-plane strain is zero in plane stress
     rows: csr_matrix
-    moduli: tuple[tuple[str, str], ...]
-    plane_stress: bool
+    moduli: tuple[tuple[str, str], ...]  # λ' and μ' of each body as formulas of the parameters
+    plane_stress: bool  # True if the out-of-plane stress is zero
 
     @property
     def components(self) -> int:

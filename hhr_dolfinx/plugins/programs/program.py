@@ -27,26 +27,18 @@ MOST_REGISTERS = 100_000
 class Program(Rebuilt):
     """Parts of straight-line code on common registers: the inputs, then the numbers, then results of operations.
 
-    Attributes:
-        rows: operation, register of its result, and registers of its operands, of which those not needed are 0.
-        numbers: constants, in the registers after the inputs.
-        ends: end of each part in ``rows``.
-        outputs: registers of the results of all parts.
-        output_ends: end of each part in ``outputs``.
-        inputs: number of inputs.
-        registers: number of registers.
-
     Raises:
         SceneError: for unknown operations, and registers that do not exist or are not computed before.
     """
 
+    # operation, register of its result, and registers of its operands, of which those not needed are 0
     rows: Annotated[Integers, "rows", 5]
-    numbers: Annotated[Floats, "numbers"]
-    ends: Annotated[Integers, "parts"]
-    outputs: Annotated[Integers, "outputs"]
-    output_ends: Annotated[Integers, "parts"]
-    inputs: int
-    registers: int
+    numbers: Annotated[Floats, "numbers"]  # constants, in the registers after the inputs
+    ends: Annotated[Integers, "parts"]  # end of each part in ``rows``
+    outputs: Annotated[Integers, "outputs"]  # registers of the results of all parts
+    output_ends: Annotated[Integers, "parts"]  # end of each part in ``outputs``
+    inputs: int  # number of inputs
+    registers: int  # number of registers
 
     def __post_init__(self) -> None:
         fault = next(self._faults(), None)
@@ -121,19 +113,12 @@ class Program(Rebuilt):
 
 @dataclass(frozen=True)
 class Order:
-    """Order in which parts are executed on the same registers: values of a part are there in those after it.
+    """Order in which parts are executed on the same registers: values of a part are there in those after it."""
 
-    Attributes:
-        parents: part before each, as a tree; None for the first.
-        moving: name of an input that changes between parts; empty without one.
-        settled: parts before it is set.
-        repeated: part that is executed again and again, as it changes; -1 without one.
-    """
-
-    parents: tuple[int | None, ...]
-    moving: str = ""
-    settled: frozenset[int] = frozenset()
-    repeated: int = -1
+    parents: tuple[int | None, ...]  # part before each, as a tree; None for the first
+    moving: str = ""  # name of an input that changes between parts; empty without one
+    settled: frozenset[int] = frozenset()  # parts before it is set
+    repeated: int = -1  # part that is executed again and again, as it changes; -1 without one
 
     def line(self, part: int | None) -> list[int]:
         """A part and those before it, the last one first."""

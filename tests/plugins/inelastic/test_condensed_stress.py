@@ -16,7 +16,6 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.errors import ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.plugins.inelastic import state as module
-from hhr_dolfinx.plugins.inelastic.project import force_correction
 from hhr_dolfinx.plugins.inelastic.state import state_modes
 from hhr_dolfinx.study.training.train import Training
 
@@ -39,7 +38,11 @@ def trained(cantilever):
 def known(trained):
     """The correction, training histories, and others."""
     full, _, training = trained
-    return force_correction(full), training, [full.march(up_and_down(*load, 8)) for load in LOADS]
+    return (
+        Training(full, None, None, None).force_correction(),
+        training,
+        [full.march(up_and_down(*load, 8)) for load in LOADS],
+    )
 
 
 @pytest.mark.parametrize("share", [0.02, 0.1])
@@ -100,7 +103,8 @@ def test_errors_of_stress_are_said_in_their_size(trained):
 def test_the_full_order_needs_no_correction(known):
     """Its forces are those of its own plastic strain; moduli that vary, heat and strains without stress besides."""
     hot = varied.full()
-    for correction, history in ((known[0], known[2][0]), (force_correction(hot), hot.march(varied.path(7.0, 210e3)))):
+    corrected = Training(hot, None, None, None).force_correction()
+    for correction, history in ((known[0], known[2][0]), (corrected, hot.march(varied.path(7.0, 210e3)))):
         largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
         found = correction.of(history)
         assert largest > 0 and len(found) == len(history.answers)
