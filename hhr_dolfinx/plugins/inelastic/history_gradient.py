@@ -110,15 +110,9 @@ class _Step:
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
         _check_single(update, gauss_of(answer), number)
-<<<<<<< HEAD
-        tangents = np.asarray(update.tangents)
-        skew = np.abs(tangents - tangents.swapaxes(1, 2)).max(initial=0.0)
-        if model.symmetric and skew > SKEW * np.abs(tangents).max(initial=0.0):
-=======
         assert update.tangents is not None  # asked for
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
         if model.symmetric and skew > SKEW * _largest(update.tangents):
->>>>>>> t_c4
             raise NotOfferedError(
                 "derivatives of full histories need symmetric tangents, and a law has others, as of back stresses that "
                 "recover or of dilatancy: take a small model"

@@ -324,10 +324,8 @@ class Orthotropic(_Framed):
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
 
-<<<<<<< HEAD
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_frame(self.frame)
         if not self.formulas:
             one, two, three, first, second, third, *_ = map(float, self.constants().values())
             stiff = np.diag([1 / one, 1 / two, 1 / three])
@@ -336,8 +334,6 @@ class Orthotropic(_Framed):
             if not (np.linalg.eigvalsh(stiff, UPLO="U") > 0).all():
                 raise SceneError("the ratios of Orthotropic are impossible: strains would have negative energies")
 
-=======
->>>>>>> t_c4
     @classmethod
     def transverse(
         cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, **more: object
