@@ -133,7 +133,6 @@ PRESSED = {
     "gaps": (5.0, 15.0),
     "least": 0.4,
     "faster": 50.0,
-    "cells": 5,
 }
 POWER = {
     "load": "power",
@@ -145,8 +144,8 @@ POWER = {
     "cells": 4,
 }
 CASES: dict[str, Case] = {
-    "linear": Case(pressed(), modes=2e-3, **PRESSED),
-    "Chaboche": Case(pressed(hhr.Chaboche(80.0, ((2e4, 200.0), (1e3, 0.0)))), modes=3e-3, **PRESSED),
+    "linear": Case(pressed(), cells=4, modes=2e-3, **PRESSED),
+    "Chaboche": Case(pressed(hhr.Chaboche(80.0, ((2e4, 200.0), (1e3, 0.0)))), cells=5, modes=3e-3, **PRESSED),
     "power": Case(heated, modes=1e-3, **POWER),
 }
 
