@@ -330,6 +330,8 @@ class _Solver:
         group = self.full.group
         if self.store is None:
             return None
+        if group.size == 1:
+            return self.store.load(point)
         answer = None if group.number else self.store.read(point)
         answer = group.from_first(None if answer is None else answer._replace(fields=NOWHERE))
         return None if answer is None else self.store.judged(answer._replace(fields=self.full), aloud=group.number == 0)

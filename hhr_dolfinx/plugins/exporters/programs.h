@@ -165,7 +165,10 @@ static inline int model_solve_law(const model_program *law, model_place *p, cons
         p->stress[i] = model_out(law, part, i, p->work);
         if (!isfinite(p->stress[i])) return 0;
     }
-    for (int i = c; i < law->memory; i++) p->memory[i] = model_out(law, part, i, p->work);
+    for (int i = c; i < law->memory; i++) {
+        p->memory[i] = model_out(law, part, i, p->work);
+        if (!isfinite(p->memory[i])) return 0;
+    }
     model_set_inelastic(p, strain, old, constants);
     return !law->limited || (n && !p->solved) || model_out(law, part, law->memory, p->work) >= 0;
 }

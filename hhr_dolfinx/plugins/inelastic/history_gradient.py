@@ -31,6 +31,10 @@ STEP = 1e-5
 cancellation round-off over it. For the plastic pellet differences of whole histories agree to 1e-8."""
 SAME_STRESS = 1e-8
 """Part of the stress by which a step may differ from a single step to its end; above it, the step was cut."""
+ROUND_OFF = 1e-8
+"""Part of the terms of a residual below which its second difference is round-off."""
+BENT = 0.05
+"""Second difference of a residual over its first one, above which the law has a kink there and no curvature."""
 SKEW = 1e-6
 """Asymmetry of tangents, as a part of the largest, from which their symmetric part gives no derivatives."""
 _CENTRAL = ((-1.0, -0.5), (1.0, 0.5))
@@ -102,6 +106,7 @@ class _Step:
         self._answer = answer
         self._before = before
         self._dt = dt
+        self._number = number
         theta = model.amplitudes(answer.parameter)
         strain = model.responding_at(answer.parameter).strain(answer.unknown, theta)
         self.strain_size = float(np.abs(strain).max(initial=0.0))
@@ -110,6 +115,9 @@ class _Step:
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
         _check_single(update, gauss_of(answer), number)
+        self._size = float(
+            np.linalg.norm(model.responding_at(answer.parameter).residual(answer.unknown, update, theta)[1])
+        )
         assert update.tangents is not None  # asked for
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
         if model.symmetric and skew > SKEW * _largest(update.tangents):
@@ -169,7 +177,19 @@ class _Step:
     ) -> list[np.ndarray]:
         """Derivatives of arrays along a direction."""
         samples = [(weight / length, function(place * length)) for place, weight in self._stencil(direction, length)]
+        if len(samples) == len(_CENTRAL):
+            less, more = (parts[0] for _, parts in samples)
+            self._check_smooth(less, more, function(0.0)[0])
         return [np.sum([weight * parts[k] for weight, parts in samples], axis=0) for k in range(len(samples[0][1]))]
+
+    def _check_smooth(self, less: np.ndarray, more: np.ndarray, here: np.ndarray) -> None:
+        """Raise NotOfferedError where a central difference is the mean of two slopes: all yield that a hold keeps."""
+        bend = np.linalg.norm(less + more - 2 * here)
+        if bend > max(BENT * np.linalg.norm(more - less), ROUND_OFF * self._size):
+            raise NotOfferedError(
+                f"step {self._number} has no derivatives by its equations alone: points are about to yield, as in a "
+                "hold of constant load. Leave the hold out, or take differences of histories"
+            )
 
     def _stencil(self, direction: np.ndarray, length: float) -> tuple[tuple[float, float], ...]:
         """Central difference, or one-sided inwards at an end of the box, beyond which a law may be undefined."""

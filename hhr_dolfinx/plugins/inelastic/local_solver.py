@@ -391,6 +391,10 @@ def solve_points(
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, found, factors)
     _set_inelastic(strain, old, compliance, stress, new)
+    for i in range(strains, new.shape[0]):
+        for k in range(result.size):
+            if not abs(new[i, k]) < np.inf:
+                result[k] = max(result[k], NOT_SOLVED)
 
 
 @compiled(inner=True)

@@ -188,6 +188,8 @@ def in_parts(
         after = error.through(stepper.model, trail[-1], found)
         duration = end - done
         allowed = tolerance * max(1 - after.left, duration / STEPS)
+        if not allowed > 0:
+            break
         miss = after.added / allowed if len(found) == 1 else 1.0
         factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
         length = duration * factor

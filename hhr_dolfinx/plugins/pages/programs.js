@@ -60,7 +60,7 @@
       for (let i = 0; i < c; i++) this.stress[i] = this.out(part, i);
       for (let i = c; i < memory; i++) this.memory[i] = this.out(part, i);
       this.inelastic(strain, old, constants);
-      return !(this.limited && (this.solved || n === 0) && !(this.out(part, memory) >= 0)) && this.stress.every(Number.isFinite);
+      return !(this.limited && (this.solved || n === 0) && !(this.out(part, memory) >= 0)) && [...this.stress, ...this.memory].every(Number.isFinite);
     }
 
     /* Inelastic strain, the total one less that of the stress; where nothing flowed it is as before, to the last bit. */
