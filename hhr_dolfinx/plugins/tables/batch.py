@@ -202,11 +202,16 @@ class Query:
                 status[k] = str(error)
         return status
 
+    @property
+    def _other_forces(self) -> bool:
+        """True if contacts have other forces than pressures; user-defined models have none."""
+        return isinstance(self.model, AnsweringModel) and self.model.law.remembers
+
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without values."""
         names = [*self.outputs.values(), *self.estimate_heads]
         names += ["largest_displacement"] if self.displacement else []
-        names += ["total_force"] if self.model.law.remembers else []
+        names += ["total_force"] if self._other_forces else []
         table = {name: np.full(count, np.nan) for name in names}
         return table | {"forces": np.full((count, self.model.conditions), np.nan)}
 
@@ -217,7 +222,7 @@ class Query:
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
-        if self.model.law.remembers:
+        if self._other_forces:
             found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
         if heads := self.outputs.values():
             found |= dict(zip(heads, many.outputs().values(), strict=True))
