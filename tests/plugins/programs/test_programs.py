@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ufl
+from needs import needs
 
 import hhr_dolfinx
 from hhr_dolfinx.errors import SceneError
@@ -156,7 +157,9 @@ def test_what_programs_cannot_state_is_said():
     assert set(CODES) == set(OPERATIONS) and CODES["add"] == 0
 
 
-@pytest.mark.parametrize("language", ["js", "c"])
+@pytest.mark.parametrize(
+    "language", [pytest.param("js", marks=needs("pages")), pytest.param("c", marks=needs("exporters"))]
+)
 def test_operations_have_the_same_numbers_and_values_elsewhere(language, tmp_path):
     """Pages and C evaluate programs by machines that know the operations by their numbers."""
     tool = shutil.which({"js": "node", "c": "cc"}[language])
