@@ -241,6 +241,22 @@ def test_a_stiffness_that_changes_keeps_the_plastic_strain():
         program_of(LAWS["neo-Hooke"], 4)
 
 
+def test_a_memory_that_is_no_number_is_no_answer():
+    class Lost(Law):
+        memory: ClassVar = {"kept": NUMBER}
+
+        def constants(self):
+            return {}
+
+        def statement(self, at):
+            return forms.Stated(forms.hooke(at.strain, at.constants), {"kept": ufl.ln(at.strain[0])})
+
+    point = Point(Lost())
+    assert point.after([1e-3, 0, 0, 0, 0, 0]).state.memory[0, 0] == pytest.approx(np.log(1e-3))
+    with pytest.raises(ConvergenceError, match="Lost has no answer"):
+        point.after([-1e-3, 0, 0, 0, 0, 0])
+
+
 @pytest.mark.parametrize("name", ["Arrhenius", "heated", "orthotropic", None])
 def test_heat_around_a_law_that_has_a_temperature_too_keeps_both(name):
     """Held, the stress is that of the law at the strain without heat; names of the law are its own."""
