@@ -18,6 +18,7 @@ from typing import Any
 
 import gmsh
 import numpy as np
+from bolted_joint import named_lines
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.timing import timed
@@ -44,12 +45,7 @@ def mesh(file: Path, size: float) -> Path:
     sections = {"bolt": occ.fuse([(2, shank)], [(2, head)])[0]}
     sections["flange"] = [(2, occ.addRectangle(SHANK, 0, 0, RIM - SHANK, GRIP))]
     occ.synchronize()
-    for name, faces in sections.items():
-        gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], name=name)
-    for name, (body, (r, z, r_end, z_end)) in LINES.items():
-        inside = gmsh.model.getEntitiesInBoundingBox(r - 0.01, z - 0.01, -1, r_end + 0.01, z_end + 0.01, 1, dim=1)
-        own = set(gmsh.model.getBoundary(sections[body], oriented=False)) & set(inside)
-        gmsh.model.addPhysicalGroup(1, [tag for _, tag in own], name=name)
+    named_lines(sections, LINES)
     for option, value in {
         "MeshSizeMax": 2 * size,
         "Algorithm": 8,
@@ -113,8 +109,6 @@ def main() -> None:
     """Train on few lives, compare with the full order on another, draw."""
     from parts import cli
 
-    from hhr_dolfinx.plugins.studies import report
-
     options = cli.parse_on_first_rank(cli.demo_parser("bolt_preload", __doc__))
     made = scene(mesh(options.out / "joint.msh", 2.0 if options.quick else 0.75))
     family = life(made.parameters)
@@ -136,14 +130,8 @@ def main() -> None:
         "full order [s]": seconds,
         "small model [s]": quick,
     }
-    shown = [
-        {"what": name, "found": found if isinstance(found, str) else f"{found:.4g}"} for name, found in rows.items()
-    ]
-    cli.print_rows("preload", shown, options.console)
     drawn(model, family, options.out / "preload.png")
-    found = {"scene": made.name, "seed": options.seed, "preload": rows, "times": {"condense": condensing}}
-    report.write_report({**found, **report.environment()}, options.out)
-    options.console.print(f"model, picture and report are in {options.out}")
+    cli.report_of_histories(made.name, "preload", rows, condensing, options)
 
 
 if __name__ == "__main__":

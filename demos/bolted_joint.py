@@ -38,6 +38,18 @@ BOX = {"turn": (0.005, 0.03), "lift": (0.0, 0.02), "warmer": (0.0, 80.0), "E_fla
 UNITS = {"turn": "mm", "lift": "mm", "warmer": "K", "E_flange": "MPa"}
 
 
+def named_lines(sections: dict[str, list], surfaces: dict[str, tuple[str, tuple]]) -> dict[str, list]:
+    """Name sections by gmsh, and lines of their boundaries, each in a box (r, z, r, z) of a body; the lines by name."""
+    for name, faces in sections.items():
+        gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], name=name)
+    found = {}
+    for name, (body, (r, z, r_end, z_end)) in surfaces.items():
+        inside = gmsh.model.getEntitiesInBoundingBox(r - 0.01, z - 0.01, -1, r_end + 0.01, z_end + 0.01, 1, dim=1)
+        found[name] = sorted(set(gmsh.model.getBoundary(sections[body], oriented=False)) & set(inside))
+        gmsh.model.addPhysicalGroup(1, [tag for _, tag in found[name]], name=name)
+    return found
+
+
 def mesh_step(step: Path, mesh: Path, fine: float) -> None:
     """Cut the solids of a STEP file by a half-plane through their axis, and mesh the section."""
     occ = gmsh.model.occ
@@ -48,14 +60,9 @@ def mesh_step(step: Path, mesh: Path, fine: float) -> None:
         sections[name], _ = occ.intersect([(2, plane)], [solid])
         occ.rotate(sections[name], 0, 0, 0, 1, 0, 0, -np.pi / 2)  # r and z become x and y
     occ.synchronize()
-    for name, faces in sections.items():
-        gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], name=name)
-    for name, (body, (r, z, r_end, z_end)) in SURFACES.items():
-        inside = gmsh.model.getEntitiesInBoundingBox(r - 0.01, z - 0.01, -1, r_end + 0.01, z_end + 0.01, 1, dim=1)
-        own = set(gmsh.model.getBoundary(sections[body], oriented=False)) & set(inside)
-        gmsh.model.addPhysicalGroup(1, [tag for _, tag in own], name=name)
-        if name in CONTACTS:
-            gmsh.model.mesh.setSize(gmsh.model.getBoundary(list(own), combined=False, oriented=False), fine)
+    lines = named_lines(sections, SURFACES)
+    for name in CONTACTS:
+        gmsh.model.mesh.setSize(gmsh.model.getBoundary(lines[name], combined=False, oriented=False), fine)
     gmsh.option.setNumber("Mesh.MeshSizeMax", 3 * fine)
     gmsh.model.mesh.generate(2)
     gmsh.model.mesh.setOrder(2)

@@ -14,7 +14,6 @@ small model answers each history, whatever its powers, durations and gap.
     python demos/pellet_power.py [--out DIR] [--quick] [--seed N]
 """
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,8 @@ RISE = f"(1e3 * q / (4 * pi * {CONDUCTIVITY}))"
 HOT = f"{ROOM} + {SURFACE} + {RISE} * (1 - (r / {RADIUS})**2)"
 SWELLING = 7e-4
 """Linear strain of swelling per 10 MWd/kg."""
+BURNING = 1.3e-4
+"""Burn-up in 10 MWd/kg of a day at 1 kW/m, with 0.77 kg of fuel per metre."""
 BOX = {"q": (0.0, 42.0), "burnup": (0.0, 4.0), "gap": (0.0, 0.03)}
 
 
@@ -72,7 +73,7 @@ def powers(space: hhr.ParameterSpace) -> hhr.PathFamily:
     )
     start = {"q": 0.0, "burnup": 0.0, "gap": "gap"}
     burn = tuple(
-        hhr.Leg({"burnup": f"{share} * 10**log_days * base * 1.3e-4"}, f"{step} * 10**log_days * {DAY}", 8)
+        hhr.Leg({"burnup": f"{share} * 10**log_days * base * {BURNING}"}, f"{step} * 10**log_days * {DAY}", 8)
         for share, step in ((0.01, 0.01), (0.1, 0.09), (1.0, 0.9))
     )
     hold = tuple(hhr.Leg({}, f"{share} * 10**log_hours * {HOUR}", 5) for share in (0.02, 0.2, 0.78))
@@ -101,8 +102,6 @@ def main() -> None:
     """Train on few histories, compare with the full order on others, draw."""
     from parts import cli
 
-    from hhr_dolfinx.plugins.studies import report
-
     options = cli.parse_on_first_rank(cli.demo_parser("pellet_power", __doc__))
     made = scene(**(QUICK_MESH if options.quick else {}))
     family = powers(made.parameters)
@@ -124,15 +123,8 @@ def main() -> None:
         "small model [s]": quick,
         "times as fast": seconds / quick,
     }
-    assert all(math.isfinite(value) for value in rows.values() if not isinstance(value, str))
-    shown = [
-        {"what": name, "found": found if isinstance(found, str) else f"{found:.4g}"} for name, found in rows.items()
-    ]
-    cli.print_rows("power", shown, options.console)
     drawn(model, family, options.out / "power.png")
-    found = {"scene": made.name, "seed": options.seed, "power": rows, "times": {"condense": condensing}}
-    report.write_report({**found, **report.environment()}, options.out)
-    options.console.print(f"model, picture and report are in {options.out}")
+    cli.report_of_histories(made.name, "power", rows, condensing, options)
 
 
 if __name__ == "__main__":

@@ -324,7 +324,7 @@ def _njit() -> Any:
         from numba import njit
     except ImportError:
         warnings.warn(
-            "numba is not installed, and laws of bodies run hundreds of times slower: pip install hhr_dolfinx[flow]",
+            "numba is not installed, and laws of bodies run as Python, much slower: pip install hhr_dolfinx[flow]",
             ModelFileWarning,
             stacklevel=2,
         )

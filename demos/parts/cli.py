@@ -122,3 +122,14 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
         )
         table.add_row(*cells)
     console.print(table)
+
+
+def report_of_histories(scene: str, title: str, rows: dict[str, Any], condensing: float, options: Any) -> None:
+    """Print and write what a demo found of histories, by name, with the seconds of the condensation."""
+    from hhr_dolfinx.plugins.studies import report
+
+    shown = [{"what": name, "found": item if isinstance(item, str) else f"{item:.4g}"} for name, item in rows.items()]
+    print_rows(title, shown, options.console)
+    found = {"scene": scene, "seed": options.seed, title: rows, "times": {"condense": condensing}}
+    report.write_report({**found, **report.environment()}, options.out)
+    options.console.print(f"model, picture and report are in {options.out}")

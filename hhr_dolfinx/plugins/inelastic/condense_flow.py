@@ -472,7 +472,8 @@ class _FieldModes:
     plastic: np.ndarray  # modes, as the next
     cumulated: np.ndarray
     displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
-    elastic: np.ndarray  # C of all Gauss points, in the middle of the box
+    elastic: np.ndarray  # C of each body, in the middle of the box
+    kinds: np.ndarray  # body of each Gauss point
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
@@ -482,7 +483,12 @@ class _FieldModes:
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
-        elastic = equilibrium.material.moduli_at(problem.middle).elastic
+        material = equilibrium.material.moduli_at(problem.middle)
+        bodies = np.array([group.elasticity(material.components) for group in material.groups])
+        kinds = np.empty(material.gauss_points, dtype=np.int64)
+        for number, group in enumerate(material.groups):
+            kinds[group.indices] = number
+        elastic = material.elastic
         forces = np.empty((len(problem.free), plastic.shape[1]))
         stress = np.zeros(elastic.shape[:2])
         for column, mode in zip(forces.T, plastic.T, strict=True):
@@ -490,12 +496,11 @@ class _FieldModes:
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
         displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
-        return cls(flowed, plastic, cumulated, displacements, elastic)
+        return cls(flowed, plastic, cumulated, displacements, bodies, kinds)
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
-        elastic, kinds = np.unique(self.elastic, axis=0, return_inverse=True)
         values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)
         return PlasticFields(
@@ -506,6 +511,6 @@ class _FieldModes:
             self.displacements[:, :count],
             equilibrium.operator,
             equilibrium.eigenstrains,
-            elastic,
-            kinds.ravel(),
+            self.elastic,
+            self.kinds,
         )

@@ -108,16 +108,16 @@ class _Step:
         self._dt = dt
         self._number = number
         theta = model.amplitudes(answer.parameter)
-        strain = model.responding_at(answer.parameter).strain(answer.unknown, theta)
+        there = model.responding_at(answer.parameter)
+        strain = there.strain(answer.unknown, theta)
         self.strain_size = float(np.abs(strain).max(initial=0.0))
         try:
             update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
         _check_single(update, gauss_of(answer), number)
-        self._size = float(
-            np.linalg.norm(model.responding_at(answer.parameter).residual(answer.unknown, update, theta)[1])
-        )
+        self._residual, sizes = there.residual(answer.unknown, update, theta)
+        self._size = float(np.linalg.norm(sizes))
         assert update.tangents is not None  # asked for
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
         if model.symmetric and skew > SKEW * _largest(update.tangents):
@@ -144,7 +144,7 @@ class _Step:
             update = self._updated(x, point, before)
             return there.residual(x, update, theta)[0], there.gaps_at(x, theta)
 
-        residual, gaps = self._difference(loaded, direction, length)
+        residual, gaps = self._difference(loaded, direction, length, self._residual)
         dx, forces = self._linear.changed(residual, gaps, self._answer.active)
         # the unknown changes too: a shorter difference if it strains more
         length = min(length, self._length(direction, _largest(model.strain_of(dx)), scale))
@@ -173,13 +173,17 @@ class _Step:
         return STEP / max(rates) if max(rates) > 0 else STEP
 
     def _difference(
-        self, function: Callable[[float], tuple[np.ndarray, ...]], direction: np.ndarray, length: float
+        self,
+        function: Callable[[float], tuple[np.ndarray, ...]],
+        direction: np.ndarray,
+        length: float,
+        residual: np.ndarray | None = None,
     ) -> list[np.ndarray]:
-        """Derivatives of arrays along a direction."""
+        """Derivatives of arrays along a direction, of which the first one is a ``residual`` that must be smooth."""
         samples = [(weight / length, function(place * length)) for place, weight in self._stencil(direction, length)]
-        if len(samples) == len(_CENTRAL):
+        if residual is not None and len(samples) == len(_CENTRAL):
             less, more = (parts[0] for _, parts in samples)
-            self._check_smooth(less, more, function(0.0)[0])
+            self._check_smooth(less, more, residual)
         return [np.sum([weight * parts[k] for weight, parts in samples], axis=0) for k in range(len(samples[0][1]))]
 
     def _check_smooth(self, less: np.ndarray, more: np.ndarray, here: np.ndarray) -> None:
