@@ -40,6 +40,7 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     LOCAL,
     REST,
     REST_SLOPES,
+    SLOPES,
     SOLVED,
     START,
     TRIAL,
@@ -81,6 +82,7 @@ class Law:
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
         elastic: whether its constants, numbers, state the elasticity instead of E and ν of the body.
+        swells: whether ε - C^-1 σ changes by more than flow, as by heat.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -88,10 +90,15 @@ class Law:
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     finite: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
+    swells: ClassVar[bool] = False
 
     def statement(self, at: At) -> Stated:
         """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`."""
         raise NotImplementedError
+
+    def in_plane_stress(self) -> Law:
+        """The law with a strain across for which the stress across is 0; SceneError for those that have none."""
+        return _Thin(self)
 
     @property
     def name(self) -> str:
@@ -217,6 +224,7 @@ class LawProgram(Rebuilt):
     elastic: bool = False  # whether its constants, and not E and ν, state the elasticity
     reason: str = ""  # what is wrong beyond its limit; empty without one
     plane_stress: bool = False  # whether it is stated for it
+    swells: bool = False  # whether ε - C^-1 σ changes by more than flow
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -305,10 +313,18 @@ class LawProgram(Rebuilt):
         at_rest = np.zeros((self.program.inputs, 1))
         numbers = [value if is_number(value) else math.nan for value in self.values]
         at_rest[self.program.inputs - 2 - len(numbers) :, 0] = (young, poisson, *numbers)
-        elastic = evaluated(self.program, at_rest, TRIAL, REST, REST_SLOPES).reshape(self.strains, self.strains)
+        strains = self.strains
+        if self.plane_stress:  # the one unknown is the strain across
+            slopes = evaluated(self.program, at_rest, TRIAL, START, AFTER, SLOPES)[:, 0]
+            elastic, across, left = np.split(slopes, np.cumsum([strains * strains, strains]))
+            slope = evaluated(self.program, at_rest, TRIAL, START, LOCAL)[1]
+            elastic = elastic.reshape(strains, strains) - np.outer(across, left) / slope
+        else:
+            elastic = evaluated(self.program, at_rest, TRIAL, REST, REST_SLOPES)
         if not np.isfinite(elastic).all():
             raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
-        return elastic, np.linalg.inv(elastic)
+        elastic = elastic.reshape(strains, strains)
+        return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
     def _check(self, result: np.ndarray, strain: np.ndarray) -> None:
         """Raise ConvergenceError for points without an answer, if their strain is a number."""
@@ -337,12 +353,14 @@ class _Thin(Law):
     """Another law in plane stress."""
 
     def __init__(self, law: Law):
-        if law.elastic or law.finite:
+        if law.finite or (law.elastic and (law.memory or law.unknowns)):
             raise SceneError(
-                f"{law.name} has elasticity of its own, or large strains, which is not built in for plane stress: take "
-                "plane strain or a solid"
+                f"{law.name} has large strains, or flows with elasticity of its own, which is not built in for plane "
+                "stress: take plane strain or a solid"
             )
         self.law = law
+        self.elastic = law.elastic  # type: ignore[misc]
+        self.swells = law.swells  # type: ignore[misc]
         self.memory = {**law.memory, "across": NUMBER}  # type: ignore[misc]
         self.unknowns = {**law.unknowns, "across": NUMBER}  # type: ignore[misc]
         self.limits = law.limits  # type: ignore[misc]
@@ -369,7 +387,7 @@ def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProg
         raise SceneError(
             f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene takes yet"
         )
-    law = _Thin(law) if plane_stress else law
+    law = law.in_plane_stress() if plane_stress else law
     made = _Made(law, strains)
     named = law.constants()
     limits = [law.limits.get(name, ANY) for name in named]
@@ -388,6 +406,7 @@ def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProg
         law.elastic,
         made.stated.reason,
         plane_stress,
+        law.swells,
     )
 
 

@@ -8,7 +8,7 @@ history has the constants of the parameter at its end. For a user-defined law se
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
@@ -393,12 +393,17 @@ class _Around(Law):
     law: Law | None
     remembers: ClassVar[tuple[str, int]]  # name and size of its memory
     bounded: ClassVar[Mapping[str, tuple[float, float]]] = {}  # limits of its constants
+    swells: ClassVar[bool] = True
     stated: ClassVar[str]
 
     def __post_init__(self) -> None:
         if not (self.law is None or isinstance(self.law, Law)):
             raise SceneError(f"{self.law!r} is no law: give hhr.{self.name} a law, or None for elasticity")
         super().__post_init__()
+
+    def in_plane_stress(self) -> Law:
+        """Around the other law in plane stress, whose strain across then holds what that law makes of it alone."""
+        return replace(self, law=self._inner.in_plane_stress())
 
     @property
     def _inner(self) -> Law:

@@ -305,6 +305,18 @@ def test_plane_stress_by_one_more_unknown(name):
         assert found == pytest.approx(solid.step(there | {4: 0.0, 5: 0.0})[:4], abs=1e-7)
 
 
+def test_sudden_heat_in_plane_stress_has_an_answer():
+    """Swelling ten times the strain to yield, in one step from rest: that of the law alone without it."""
+    strain = np.random.default_rng(0).normal(size=(100, 4)) * [1e-3, 1e-3, 0, 1e-3]
+    for name in ("Voce", "table", "Chaboche", "Hill", "Lemaitre"):
+        hot, cold = (program_of(law, 4, plane_stress=True) for law in (hhr.Heated(LAWS[name], 1.0, 6e-3), LAWS[name]))
+        found, other = (
+            law.update(moved, at_rest(law, 100), 1.0, law.given(YOUNG, POISSON), tangent=False).stress
+            for law, moved in ((hot, strain), (cold, strain - [6e-3, 6e-3, 0, 0]))
+        )
+        assert found == pytest.approx(other, rel=1e-9, abs=1e-9)
+
+
 class Standard(Law):
     """Voce's hardening, or a back stress, as a generalised standard material of potentials."""
 

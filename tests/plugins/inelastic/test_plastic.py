@@ -18,7 +18,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
     ConvergenceError,
     NotOfferedError,
-    SceneError,
 )
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES
@@ -311,8 +310,15 @@ def test_a_strip_in_plane_stress_is_a_bar(name):
         scene = dataclasses.replace(bar(LAWS[name]), hypothesis=hypothesis)
         found.append(axial(hhr.FullOrderModel(scene).march(path, FINE)))
     assert found[1] == pytest.approx(found[0], rel=1e-6)
-    with pytest.raises(SceneError, match="elasticity of its own"):
-        hhr.FullOrderModel(dataclasses.replace(bar(hhr.Orthotropic(*WOOD)), hypothesis="plane_stress"))
+
+
+@pytest.mark.parametrize("heated", [False, True])
+def test_a_strip_of_wood_in_plane_stress_is_pulled_by_its_modulus(heated):
+    """Along the fibres, which lie along y; what it swells by heat is no stress."""
+    law = hhr.Orthotropic(*WOOD, frame=((0, 1, 0), (-1, 0, 0), (0, 0, 1)))
+    scene = dataclasses.replace(bar(hhr.Heated(law, 1e-3, 1.0) if heated else law), hypothesis="plane_stress")
+    stresses = axial(hhr.FullOrderModel(scene).march([(0.0, [0.0]), (1.0, [0.01])], FINE))
+    assert stresses == pytest.approx([WOOD[0] * (0.01 - 1e-3 * heated)], rel=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:no training solution has contact")

@@ -82,9 +82,11 @@ def test_estimate_at_a_point_held_at_a_strain(law, steps):
 
 @pytest.fixture(scope="module")
 def pressed():
-    """A creeping tube that is pressed against a wall and held, and one that bulges freely: exact histories beside."""
+    """Creeping tubes pressed against a wall and held, bulging freely, swelling or softened by heat; exact histories."""
     law, found = hhr.Norton(2.0, 4.0), []
-    for scene, top, high in ((walled_tube(law, wall=2.003), 0.9, 2), (tube(law, 0.6, cells=8), 0.6, 0)):
+    hot, soft = hhr.Heated(law, 5e-3, "p"), hhr.ChangingStiffness(law, "200 * (1 - 0.5 * p)")
+    walled = [(walled_tube(of, wall=wall), 0.9, 2) for of, wall in ((law, 2.003), (hot, 2.01), (soft, 2.003))]
+    for scene, top, high in (walled[0], (tube(law, 0.6, cells=8), 0.6, 0), *walled[1:]):
         full = hhr.FullOrderModel(scene)
 
         def path(steps, up=8, top=top, high=high):
@@ -94,7 +96,7 @@ def pressed():
     return found
 
 
-@pytest.mark.parametrize("scene", [0, 1], ids=["pressed against a wall", "bulging"])
+@pytest.mark.parametrize("scene", range(4), ids=["pressed against a wall", "bulging", "heated", "softened"])
 @pytest.mark.parametrize("steps", [4, 16, 64])
 def test_estimate_of_creeping_tubes(pressed, scene, steps):
     full, path, exact = pressed[scene]
