@@ -15,7 +15,6 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, OTHERS, one_kind, sides_of
-from hhr_dolfinx.geometries.conforming import counted
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 Sets = dict[str | int, np.ndarray]
@@ -177,7 +176,7 @@ def raw_mesh(
     found, also_said = _sets(sides, dim - 1, names)
     facets = _corners(sides, width)
     smaller = [block for block in elements if block not in own and block not in sides and block not in there]
-    reasons = {**others, **said, **also_said, **_smaller(smaller, names), **(left_out or {})}
+    reasons = {**others, **said, **also_said, **(left_out or {})}
     cells = _corners(own, CORNERS[kind])
     if not any(bodies) or (
         len(bodies) == 1 and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
@@ -185,7 +184,7 @@ def raw_mesh(
         # elements have no number, or 0, or all have that of the only entity of gmsh
         bodies = {1: np.arange(len(cells)), **bodies}
     surfaces = {name: facets[rows] for name, rows in found.items()}
-    return RawMesh(points, kind, cells, bodies, surfaces, nodes or {}, order, reasons)
+    return RawMesh(points, kind, cells, bodies, surfaces, {**_smaller(smaller, names), **(nodes or {})}, order, reasons)
 
 
 def _corners(blocks: Iterable[Elements], count: int) -> np.ndarray:
@@ -256,18 +255,13 @@ def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets
     return found, left_out
 
 
-def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]) -> dict[str | int, str]:
-    """Reasons for named sets of elements of too low a dimension for facets, such as lines in space."""
-    found: dict[str | int, str] = {}
+def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]) -> dict[str, np.ndarray]:
+    """Nodes of named sets of elements of too low a dimension for facets, such as lines in space."""
+    found: dict[str, np.ndarray] = {}
     for block in blocks:
         dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)
         sets, _ = _sets([block], dim, names)
         for name, rows in sets.items():
             if isinstance(name, str):
-                found[name] = of_small_elements(len(rows), dim)
+                found[name] = np.union1d(found.get(name, rows[:0]), block.nodes[rows].ravel())
     return found
-
-
-def of_small_elements(count: int, dim: int) -> str:
-    """Reason why a set of elements, which are neither cells nor facets, is left out."""
-    return f"a set of {counted(count, dim)}; supports, loads and contacts need facets"

@@ -16,7 +16,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import NamedMesh, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.by_meshio import of_small_elements, read_by_meshio
+from hhr_dolfinx.geometries.by_meshio import read_by_meshio
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, one_kind, sides_of
 from hhr_dolfinx.geometries.conforming import conforming
 from hhr_dolfinx.geometries.groups import Group, groups_of_nodes, groups_of_unv
@@ -183,9 +183,8 @@ def read_by_gmsh(path: Path) -> RawMesh:
         if name not in bodies and name not in surfaces and group.elements.size:
             left_out[name] = f"a set of {group.elements.size} elements that are neither cells nor facets of the mesh"
     for entity in entities:
-        if entity.dim < dim - 1:
-            count = len(entity.corners)
-            left_out |= {name: of_small_elements(count, entity.dim) for _, name in entity.groups if name}
+        for name in {name for _, name in entity.groups if name and entity.dim < dim - 1}:
+            nodes[name] = np.union1d(nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel())
     return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
                    {name: facets[rows] for name, rows in surfaces.items()}, nodes, order, left_out)  # fmt: skip
 
@@ -234,9 +233,11 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
 def _shared(raw: RawMesh | None, comm: Comm, scale: float, summary: Summary | None) -> NamedMesh:
     """Distribute the mesh of the first rank."""
     arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
-    kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
+    kind, groups, shapes, nodes = comm.bcast(
+        raw and (raw.kind, groups, [array.shape[1:] for array in arrays], dict(raw.nodes))
+    )
     points, cells, *tagged = arrays or (np.zeros((0, *shape)) for shape in shapes)
     mesh = linear_mesh(comm, points, cells, kind, 1 if shapes[1][0] == CORNERS[kind] else 2, shares)
     top = mesh.topology.dim
     of_cells, of_facets = (tags_of(mesh, top - k, tagged[k], tagged[k + 2]) for k in (0, 1))
-    return NamedMesh(mesh, of_cells, of_facets, groups, summary)
+    return NamedMesh(mesh, of_cells, of_facets, groups, summary, nodes)

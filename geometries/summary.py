@@ -61,11 +61,11 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
     parts = {
         "bodies": bodies,
         "surfaces": outer,
-        "sets of nodes that hold no whole facet; supports, loads and contacts need facets": sets,
+        "sets of nodes that hold no whole facet, for displacements and forces at nodes": sets,
         "left out": said,
     }
     reasons = {
-        name: f"a set of {counted(len(nodes), 0)} that holds no whole facet; supports, loads and contacts need some"
+        name: f"a set of {counted(len(nodes), 0)} that holds no whole facet, as pressures, tractions and contacts need"
         for name, nodes in lines.items()
     }
     shown = {title: rows for title, rows in parts.items() if rows}

@@ -78,6 +78,8 @@ from .plugins.pages.scenery_of import scenery_of as scenery_of
 from .plugins.paths.path_families import Leg as Leg
 from .plugins.paths.path_families import NamedPath as NamedPath
 from .plugins.paths.path_families import PathFamily as PathFamily
+from .plugins.places.places import NodalForce as NodalForce
+from .plugins.places.places import Nodes as Nodes
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy

@@ -14,7 +14,7 @@ import stat
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
@@ -49,14 +49,22 @@ class NamedMesh(tuple):
     # DOLFINx have them from 0.10 on
     physical_groups: Groups
     summary: Any  # of the mesh file, a ``geometries.summary.Summary``; None without a file
+    nodes: Mapping[str, np.ndarray]  # sets of nodes by name, as numbers of the points that the mesh was made of
 
     def __new__(
-        cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: object = None
+        cls,
+        mesh: Mesh,
+        cells: MeshTags,
+        facets: MeshTags,
+        groups: Groups,
+        summary: object = None,
+        nodes: Mapping[str, np.ndarray] | None = None,
     ) -> NamedMesh:
         """Make the tuple of mesh and tags."""
         found = super().__new__(cls, (mesh, cells, facets))
         found.physical_groups = groups
         found.summary = summary
+        found.nodes = nodes or {}
         return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral, Real
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
@@ -45,6 +45,19 @@ def as_tuple(name: str, value: object) -> tuple:
 
 Tag = int | str
 """Tag of cells or facets: a number in the mesh, or a name if the mesh has names."""
+
+
+class Place(Protocol):
+    """Nodes where a displacement is imposed or a force acts, chosen by their coordinates."""
+
+    def nodes(self, points: np.ndarray) -> np.ndarray:
+        """Numbers of the chosen ones of all nodes of the mesh, (n, dim)."""
+
+
+def check_place(what: str, place: object) -> None:
+    """Raise SceneError for what is neither a tag nor a :class:`Place`."""
+    if not hasattr(place, "nodes"):
+        check_tag(what, place)
 
 
 def check_tag(what: str, tag: object) -> None:

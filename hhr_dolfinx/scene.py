@@ -21,7 +21,16 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_pair_index, check_tag, is_whole
+from hhr_dolfinx.parameters import (
+    ParameterSpace,
+    Place,
+    Tag,
+    as_tuple,
+    check_pair_index,
+    check_place,
+    check_tag,
+    is_whole,
+)
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
@@ -32,10 +41,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Displacement:
-    """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu) field(x)``.
+    """Imposed displacement of one component on facets or nodes: ``u[component] = amplitude(mu) field(x)``.
 
     Attributes:
-        tag: tag of the facets.
+        tag: tag of facets, the name of a set of nodes in the file of the mesh, or a
+            :class:`~hhr_dolfinx.parameters.Place`.
         component: 0, 1 or 2.
         amplitude: a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
         field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1. Coordinates are those
@@ -43,13 +53,13 @@ class Displacement:
             ``Displacement(tag, 0, angle, "-y")`` and ``Displacement(tag, 1, angle, "x")``.
     """
 
-    tag: Tag
+    tag: Tag | Place
     component: int
     amplitude: Amplitude | Formula = Amplitude()
     field: Formula | None = None
 
     def __post_init__(self):
-        check_tag("displacement", self.tag)
+        check_place("displacement", self.tag)
         if not is_whole(self.component, 0):
             raise SceneError(
                 f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 or 2: "
@@ -80,7 +90,7 @@ class Displacement:
         return values
 
     @classmethod
-    def clamp(cls, tag: Tag, dimension: int) -> tuple[Displacement, ...]:
+    def clamp(cls, tag: Tag | Place, dimension: int) -> tuple[Displacement, ...]:
         """Fix all components of the displacement of a tag, for a mesh of a dimension."""
         return tuple(cls(tag, component) for component in range(dimension))
 

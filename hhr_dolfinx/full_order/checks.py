@@ -5,7 +5,7 @@ Every check is collective: all ranks get the same result, so that none waits for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,9 +33,10 @@ NO_VOLUME = 1e-12
 
 
 def build_geometry(scene: Scene, group: Group) -> Any:
-    """Mesh, cell tags, facet tags and their names of a scene; raises SceneError unless they fit the scene."""
+    """Mesh, cell tags, facet tags, their names and sets of nodes; raises SceneError unless they fit the scene."""
     result: Any = scene.geometry(group.comm)
     groups = getattr(result, "physical_groups", None)
+    sets: Mapping[str, np.ndarray] = getattr(result, "nodes", {})
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
         result = (result.mesh, result.cell_tags, result.facet_tags)
     if not isinstance(result, tuple | list) or len(result) != 3:
@@ -56,8 +57,8 @@ def build_geometry(scene: Scene, group: Group) -> Any:
     if scene.hypothesis == "axisymmetric":
         _check_radius(mesh, group)
     names = TagNames.of(groups, mesh.topology.dim, getattr(result, "summary", None))
-    check_tags(scene, mesh, tags, names, group)
-    return (*result, names)
+    check_tags(scene, mesh, tags, names, group, sets)
+    return (*result, names, sets)
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
@@ -221,9 +222,12 @@ def _check_radius(mesh, group):
     )
 
 
-def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, group: Group) -> None:
+def check_tags(
+    scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, group: Group, sets: Container[object] = ()
+) -> None:
     """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no body."""
-    used: list[Tag] = [item.tag for item in scene.displacements]
+    held = [item.tag for item in scene.displacements]
+    used: list[Tag] = [tag for tag in held if isinstance(tag, int | str) and tag not in sets]
     for item in scene.contacts:
         used += item.tags
     check_present("facet", tags[1], used, names, group)

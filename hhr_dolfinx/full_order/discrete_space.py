@@ -26,7 +26,7 @@ from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffn
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings.surface import Surface, make_surface
-from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.scene import Scene
 
 
@@ -42,8 +42,8 @@ class DiscreteSpace(ABC):
         self.scene = scene
         self.group = group_of(comm)
         with self.group.together(f"the geometry of scene '{scene.name}'"):
-            # mesh of DOLFINx, its tags, and the names of bodies and surfaces in it
-            self.mesh, self._cell_tags, self._facet_tags, self.names = build_geometry(scene, self.group)
+            # mesh of DOLFINx, its tags, names of bodies and surfaces in it, and sets of nodes by name
+            self.mesh, self._cell_tags, self._facet_tags, self.names, self._sets = build_geometry(scene, self.group)
         dim = self.mesh.geometry.dim
         self.order = order_of(scene, self.mesh)  # degree of its functions, 1 or 2
         # vector Lagrange space of that degree
@@ -153,10 +153,38 @@ class DiscreteSpace(ABC):
                 f"component {component} of the displacement on tag {tag} does not exist: the mesh of scene "
                 f"'{self.scene.name}' has {dim} dimensions, take a component below that, counted from 0"
             )
-        facets = tagged(self._facet_tags, self.names.facet(tag))
-        local = fem.locate_dofs_topological(self.space.sub(component), self.mesh.topology.dim - 1, facets)
-        owned = local[local < dim * self.space.dofmap.index_map.size_local]
-        return self.group.joined(owned + self.rows.start)
+        return dim * self.nodes(tag) + component
+
+    def nodes(self, tag: Tag | Place) -> np.ndarray:
+        """Numbers of the nodes of tagged facets, of a set of the mesh or of a place, (k,), in their order.
+
+        Raises:
+            SceneError: for a tag that the mesh lacks, or a place without nodes.
+        """
+        if not isinstance(tag, int | str):
+            found = np.unique(tag.nodes(self._points()))
+            if not found.size:
+                raise SceneError(f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or widen it")
+            return found
+        owned = self._nodes_of_set(self._sets[tag]) if tag in self._sets else np.zeros(0, dtype=np.int64)
+        if tag not in self._sets or tag in self.names.facets:
+            facets = tagged(self._facet_tags, self.names.facet(tag))
+            local = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
+            owned = np.union1d(owned, local[local < self.space.dofmap.index_map.size_local])
+        return np.unique(self.group.joined(owned + self.space.dofmap.index_map.local_range[0]))
+
+    def _nodes_of_set(self, numbers: np.ndarray) -> np.ndarray:
+        """Own nodes, (k,), for numbers of points of the file, with those on edges whose two ends are in the set."""
+        inside = np.isin(self.mesh.geometry.input_global_indices, numbers)[compat.geometry_dofmap(self.mesh)]
+        nodes = self.space.dofmap.list
+        edges, _ = compat.topology(self.mesh.topology.cell_name())
+        corners = CORNERS[self.mesh.topology.cell_name()]
+        held = np.zeros(nodes.shape, dtype=bool)
+        held[:, : inside.shape[1]] = inside
+        if self.order > 1:
+            held[:, corners : corners + len(edges)] |= inside[:, np.array(edges)].all(axis=2)
+        found = np.unique(nodes[held])
+        return found[found < self.space.dofmap.index_map.size_local]
 
     def _load_vector(self, load: object, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""

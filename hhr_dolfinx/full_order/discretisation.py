@@ -263,6 +263,7 @@ class Discretisation(DiscreteSpace):
             dx=self._cells,
             vector=partial(self._load_vector, load),
             surface=self.surface,
+            nodes=self.nodes,
             eigenstress=partial(self._eigenstress, load),
         )
 

@@ -232,7 +232,7 @@ def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
         pressure(by_meshio(tmp_path / "c.vtu", **TWO_ARRAYS))
 
 
-def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
+def test_groups_of_lines_and_points_of_gmsh_are_sets_of_nodes(tmp_path):
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
@@ -244,9 +244,9 @@ def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
     for version in (2.2, 4.1):
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         gmsh.write(str(tmp_path / "lines.msh"))
-        found = reasons(tmp_path / "lines.msh")
-        assert found["edge"] == "a set of 1 line; supports, loads and contacts need facets", version
-        assert found["pin"] == "a set of 1 node; supports, loads and contacts need facets", version
+        found = hhr.MeshFile(tmp_path / "lines.msh").read()
+        edge, pin = (found.points[found.nodes[name]] for name in ("edge", "pin"))
+        assert edge == pytest.approx(np.array([[0, 0, 1], [0, 0, 0]])) and pin == pytest.approx(np.array([[0, 1, 1]]))
     gmsh.finalize()
 
 
@@ -447,7 +447,7 @@ def test_a_summary_of_a_file(beam):
 )  # fmt: skip
 def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, beam):
     with pytest.raises(SceneError, match=f"no surface of the mesh is called '{tag}'.*") as found:
-        pressure(beam, (*NAMES[:2], tag, *NAMES[3:]))
+        pressure(beam, (*NAMES[:3], tag, *NAMES[4:]))
     assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
 
 

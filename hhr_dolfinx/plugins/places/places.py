@@ -1,0 +1,107 @@
+"""Nodes by their coordinates, and forces at nodes.
+
+Bodies of decks are often held on lines of nodes or on single ones, and pulled at them. A displacement takes the name of
+a set of nodes in the file of the mesh, or :class:`Nodes`; so does :class:`NodalForce`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.loads import Assembler, Term
+from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes at which a function of the coordinates is true, ``Nodes(lambda x: np.isclose(x[0], 0))``.
+
+    Attributes:
+        where: function of coordinates, (dim, n), as of DOLFINx' ``locate_dofs_geometrical``, which returns (n,) bool.
+            Coordinates are those of the given mesh, before any change of shape.
+    """
+
+    where: Callable[[np.ndarray], np.ndarray]
+
+    def __post_init__(self) -> None:
+        if not callable(self.where):
+            raise SceneError(f"Nodes({self.where!r}) needs a function of the coordinates, or Nodes.near((x, y, z))")
+
+    @classmethod
+    def near(cls, point: Sequence[float]) -> Nearest:
+        """The one node that is nearest to a point, (dim,)."""
+        return Nearest(point)  # type: ignore[arg-type]
+
+    def nodes(self, points: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a function that returns anything else."""
+        inside = np.asarray(self.where(points.T))
+        if inside.shape != (len(points),) or inside.dtype != bool:
+            raise SceneError(
+                f"the function of {self!r} must return one bool for each of {len(points)} nodes, of coordinates of the "
+                f"shape {points.T.shape}, and returns {inside.dtype} of the shape {inside.shape}"
+            )
+        return np.flatnonzero(inside)
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The node that is nearest to a point; made by :meth:`Nodes.near`.
+
+    Attributes:
+        point: coordinates, (dim,).
+    """
+
+    point: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", as_tuple("the point of Nodes.near", self.point))
+        if not all(is_number(value) for value in self.point):
+            raise SceneError(f"Nodes.near{self.point} needs finite coordinates")
+
+    def nodes(self, points: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a point of another dimension."""
+        if len(self.point) != points.shape[1]:
+            raise SceneError(f"Nodes.near{self.point} must have {points.shape[1]} coordinates, as the mesh")
+        return np.linalg.norm(points - self.point, axis=1).argmin(keepdims=True)
+
+
+@dataclass(frozen=True)
+class NodalForce:
+    """A force ``amplitude(mu) * vector`` at each node of a set, as *CLOAD of decks; in axisymmetry on its whole ring.
+
+    Below a force at a point the displacement grows without limit as the mesh gets finer: give a pressure where it
+    matters.
+
+    Attributes:
+        place: the name of a set of nodes in the file of the mesh, a tag of facets, or :class:`Nodes`.
+        vector: the force, (dim,).
+        amplitude: a number, an Amplitude, or a formula of the parameters as text.
+    """
+
+    place: Tag | Place
+    vector: tuple[float, ...]
+    amplitude: Amplitude | Formula = Amplitude(1.0)
+
+    def __post_init__(self) -> None:
+        check_place("nodal force", self.place)
+        object.__setattr__(self, "vector", as_tuple("the vector of a nodal force", self.vector))
+        if not all(is_number(value) for value in self.vector) or not any(self.vector):
+            raise SceneError(f"the nodal force {self.vector} at {self.place!r} must be finite and not zero")
+        check_amplitude(self, f"the nodal force at {self.place!r}", formulas=True)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector."""
+        (dim,) = assembler.test.ufl_shape
+        if len(self.vector) != dim:
+            raise SceneError(f"the nodal force {self.vector} at {self.place!r} must have {dim} components, as the mesh")
+        dofs = dim * assembler.nodes(self.place)[:, None] + np.arange(dim)
+        values = np.broadcast_to(self.vector, dofs.shape).ravel()
+        columns = csc_matrix((values, (dofs.ravel(), np.zeros(dofs.size, dtype=int))), shape=(assembler.size, 1))
+        return [Term(self.amplitude, columns)]

@@ -1,0 +1,118 @@
+"""Supports on lines of nodes and on single ones, and forces at nodes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import block_scene
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.geometries import block
+
+LEFT = hhr.Nodes(lambda x: np.isclose(x[0], 0) & np.isclose(x[2], 0))
+RIGHT = hhr.Nodes(lambda x: np.isclose(x[0], 4) & np.isclose(x[2], 0))
+
+
+def number(i, j, k):
+    return 1 + i + 5 * j + 10 * k
+
+
+def deck(path):
+    """Four cubes of first order in a row, with sets of nodes that hold no face."""
+    rows = ["*NODE", *(f"{number(i, j, k)}, {i}., {j}., {k}." for k in (0, 1) for j in (0, 1) for i in range(5))]
+    rows.append("*ELEMENT, TYPE=C3D8, ELSET=BEAM")
+    for i in range(4):
+        nodes = [number(i + a, b, k) for k in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        rows.append(f"{i + 1}, {', '.join(map(str, nodes))}")
+    rows += ["*SURFACE, NAME=BELLY", "BEAM, S1", "*SURFACE, NAME=LID", "BEAM, S2"]
+    for name, places in (("LEFT", ((0, 0), (0, 1))), ("RIGHT", ((4, 0), (4, 1))), ("PIN", ((0, 0),))):
+        rows += [f"*NSET, NSET={name}", ", ".join(str(number(i, j, 0)) for i, j in places)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def beam(path, places, order=None):
+    """The cubes on two lines above a floor: ``places`` are of left and right line and the pin."""
+    left, right, pin = places
+    held = hhr.Displacement(left, 2), hhr.Displacement(right, 2), hhr.Displacement(pin, 0)
+    return hhr.Scene(
+        name="beam",
+        geometry=hhr.MeshFile(path),
+        hypothesis="solid",
+        bodies=(hhr.Body("BEAM", young=1e3, poisson=0.3),),
+        contacts=(hhr.Obstacle("BELLY", normal=(0, 0, -1), offset=0.01),),
+        displacements=(*held, hhr.Displacement(pin, 1), hhr.Displacement(hhr.Nodes.near((4.0, 0.0, 0.0)), 1)),
+        loads=(hhr.Pressure("LID", "push"),),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (10.0,)),
+        outputs=(hhr.ContactForce("force", contact=0, direction=(0.0, 0.0, 1.0)),),
+        order=order,
+    )
+
+
+@pytest.mark.parametrize("places", [("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, hhr.Nodes.near((-1.0, 0.1, 0.0)))])
+def test_a_beam_on_two_lines(places, tmp_path):
+    """13.3106 is by trilinear elements and active sets written for it."""
+    full = hhr.FullOrderModel(beam(deck(tmp_path / "beam.inp"), places))
+    assert full.solve(0.001).outputs()["force"] == 0.0
+    assert full.solve(5.0).outputs()["force"] == pytest.approx(13.3106, abs=1e-4)
+    assert hhr.condense(full).solve(5.0).outputs()["force"] == pytest.approx(13.3106, abs=1e-4)
+
+
+def test_nodes_between_those_of_a_line_are_held_too(tmp_path):
+    """With functions of second order: the line is held whole, by its name and by its places."""
+    path = deck(tmp_path / "beam.inp")
+    named, found = (
+        hhr.FullOrderModel(beam(path, places, 2)) for places in (("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, "PIN"))
+    )
+    assert named.discretisation.nodes("LEFT").size == 3
+    assert np.array_equal(named.problem.free, found.problem.free)
+
+
+def pulled(load, hypothesis="plane_strain", **more):
+    sides = [hhr.Displacement(block.side(axis, upper=False), axis) for axis in (0, 1)]
+    return block_scene(
+        "pulled",
+        {"p": (0.0, 1.0)},
+        upper=(1, 1),
+        cells=(2, 2),
+        hypothesis=hypothesis,
+        bodies=(hhr.Body(block.SOLID, 100.0, 0.3),),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 1.0),),
+        displacements=tuple(sides),
+        loads=(load,),
+        **more,
+    )
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
+def test_forces_at_nodes_are_those_of_a_pressure(hypothesis):
+    """Of linear cells, whose consistent forces of a side are known: p L / 4 at its ends, p L / 2 between."""
+    top, corner = block.side(1, upper=True), hhr.Nodes(lambda x: np.isclose(x[1], 1) & (np.abs(x[0] - 0.5) > 0.4))
+    middle = hhr.Nodes.near((0.5, 1.0))
+    parts = [(corner, 0.25), (middle, 0.5)]
+    if hypothesis == "axisymmetric":  # ∫ N 2 π r dr on two cells of length 1/2
+        parts = [(hhr.Nodes.near(place), 2 * np.pi * part) for place, part in
+                 (((0.0, 1.0), 1 / 24), ((0.5, 1.0), 1 / 4), ((1.0, 1.0), 5 / 24))]  # fmt: skip
+    first, *others = (hhr.NodalForce(place, (0.0, -part), "p") for place, part in parts)
+    scene = pulled(first, hypothesis)
+    forced = hhr.FullOrderModel(replace(scene, loads=(first, *others)))
+    pressed = hhr.FullOrderModel(pulled(hhr.Pressure(top, "p"), hypothesis))
+    assert forced.solve(1.0).displacement() == pytest.approx(pressed.solve(1.0).displacement(), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [(lambda: hhr.Nodes((0.0, 0.0)), r"Nodes.near\(\(x, y, z\)\)"),
+     (lambda: hhr.Nodes.near((0.0, np.nan)), "finite coordinates"),
+     (lambda: hhr.NodalForce(1.5, (0.0, 1.0)), "must be an integer or a name"),
+     (lambda: hhr.NodalForce(1, (0.0, 0.0)), "finite and not zero"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce("top", (0.0, 1.0)))), "'top' is asked for"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))), "must have 2 components"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes.near((0.0,)), (0.0, 1.0)))), "must have 2 coord"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0]), (0.0, 1.0)))), "one bool for each"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node")],
+)  # fmt: skip
+def test_mistakes(make, why):
+    with pytest.raises(SceneError, match=why):
+        make()
