@@ -19,6 +19,7 @@ WRONG = {
     "tangent": "its stress jumps, so that differences give {:.6g} and its tangent {:.6g}: state it continuously",
     "softens": "its stress falls as strain grows, by {:.3g} of E: leave softening out, it depends on the mesh",
     "symmetric": "its elastic C is unsymmetric by {:.3g} of E, so closed paths gain energy: derive an energy twice",
+    "rest": "its tangent without strain is no number: take ufl.conditional where a root or a quotient is at 0",
     "path": "its stress depends on the path, by {:.3g}, and its `cumulated` never grows: state what flows",
 }
 """What the check says of a law: what is wrong, and what to do."""
@@ -34,13 +35,10 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     Paths start without stress: heat, which is constant, has strained the points before.
 
     Args:
-        law: of small strains, or a function without arguments that makes it.
+        law: of small strains, or a function without arguments that makes it; wrong ones raise ConformanceError.
         young, poisson: E, in the unit of stress of the law, and ν of the body.
         strain: size of the steps times 4, at which an inelastic law flows.
         dt: length of a step in seconds.
-
-    Raises:
-        ConformanceError: with what is wrong, and what to do.
     """
     if not isinstance(law, Law):
         raise SceneError("a law of a body derives hhr.Law and states a step in UFL")
@@ -48,22 +46,19 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     material = Material([Group(np.arange(POINTS), young, poisson, program)], 4)
     before, compliance, start = _unloaded(material, dt)
     _check_symmetry(np.linalg.pinv(compliance), young)
-    old = start
-    inelastic = before
-    flows = _flows(program)
+    old, inelastic, flows = start, before, _flows(program)
     work = np.zeros(POINTS)
     random = np.random.default_rng(0)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)
         found = material.update(path, old, dt, tangent=True)
-        if flows:
-            left = path - np.einsum("nij,nj->ni", compliance, found.stress)  # of its own elasticity, not of the body's
-            work += np.einsum("nc,nc->n", found.stress, left - inelastic)
-            inelastic = left
+        if flows:  # the inelastic strain is that of its elasticity, not of the body's
+            last, inelastic = inelastic, path - np.einsum("nij,nj->ni", compliance, found.stress)
+            work += np.einsum("nc,nc->n", found.stress, inelastic - last)
             lost = -float(work.min()) / (young * strain**2)
             require(lost <= 1e-9, WRONG["energy"], lost)
         else:
-            _check_symmetry(found.tangents, young)
+            _check_symmetry(np.asarray(found.tangents), young)
             other = np.abs(material.update(path, start, dt, tangent=False).stress - found.stress).max()
             require(other <= 1e-9 * young * strain, WRONG["path"], other)
         _check_tangents(material, path, old, dt, found.tangents, young, strain)
@@ -88,12 +83,14 @@ def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, St
     strain = np.zeros((POINTS, 4))
     for _ in range(3):
         found = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
-        compliance = np.linalg.pinv(np.asarray(found.tangents))
+        tangents = np.asarray(found.tangents)
+        require(np.isfinite(tangents).all(), WRONG["rest"])
+        compliance = np.linalg.pinv(tangents)
         strain = strain - np.einsum("nij,nj->ni", compliance, found.stress)
     return strain, compliance, found.state
 
 
-def _check_symmetry(tangents: Any, young: float) -> None:
+def _check_symmetry(tangents: np.ndarray, young: float) -> None:
     """Elastic tangents, (points, 4, 4), must be second derivatives of an energy."""
     most = float(np.abs(tangents - tangents.swapaxes(1, 2)).max()) / young
     require(most <= OF_FUNCTIONS, WRONG["symmetric"], most)

@@ -173,7 +173,7 @@ def statements():
     """Laws with wrong heat, moduli or elasticity, each with the message."""
     import ufl
 
-    from hhr_dolfinx.forms.laws import Stated, closed, hooke, trace, unit
+    from hhr_dolfinx.forms.laws import Stated, closed, equivalent, hooke, trace, unit
 
     def leaning(at):
         skew = ufl.as_vector([at.strain[1], 0, 0, 0])
@@ -207,7 +207,12 @@ def statements():
         more = 50 * abs(at.strain[3]) * trace(at.strain) / 3
         return Stated(hooke(at.strain + more * unit(at.strain), at.constants))
 
+    def rooted(at):
+        """A root, whose slope is no number at 0."""
+        return Stated(hooke(at.strain, at.constants) * (1 + equivalent(at.strain)))
+
     return {
+        "rooted": (rooted, "tangent without strain is no number"),
         "leaning": (leaning, "unsymmetric by 0.01 of E"),
         "elastic and leaning": (elastic_and_leaning, "unsymmetric by 0.01 of E"),
         "ratchet": (ratchet, "gives back .* of the energy"),
@@ -217,7 +222,7 @@ def statements():
     }
 
 
-WRONG_LAWS = ["leaning", "elastic and leaning", "ratchet", "other elasticity", "silent", "by pressure"]
+WRONG_LAWS = ["rooted", "leaning", "elastic and leaning", "ratchet", "other elasticity", "silent", "by pressure"]
 
 
 @needs("inelastic")
