@@ -1,8 +1,8 @@
 
 /* Laws of bodies at a point: the machine for their programs, and Newton's method for their unknowns, as in programs.js. */
-#define MODEL_LOCAL 60
-#define MODEL_SHARED (1.0 / 4096) /* least part of a step */
-#define MODEL_SOLVED 1e-9
+#define MODEL_LOCAL 60 /* most Newton iterations for the unknowns of a point */
+#define MODEL_SHARED (1.0 / 4096) /* least part of a Newton step that the line search tries */
+#define MODEL_SOLVED 1e-9 /* a point is solved by a Newton step below this part of its unknowns */
 #define MODEL_NOISE 1e-14 /* round-off of a strain, as its part */
 enum { MODEL_TRIAL, MODEL_STARTED, MODEL_RESIDUAL, MODEL_AFTER, MODEL_SLOPES, MODEL_IDLE, MODEL_IDLE_SLOPES };
 

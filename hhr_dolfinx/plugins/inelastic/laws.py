@@ -89,7 +89,7 @@ class Voce(_Stated):
 
     Attributes:
         yield_stress, saturation: σ0 and Q, stresses.
-        rate: b.
+        rate: b, the saturation rate: per cumulated strain p, not per time, without a unit; p = 1/b gains 63 % of Q.
         hardening: H, a stress.
     """
 
@@ -136,7 +136,7 @@ class Chaboche(_Stated):
     """Kinematic hardening by back stresses and Voce's isotropic hardening; with one back stress Armstrong-Frederick.
 
     Attributes:
-        yield_stress, saturation, rate: σ0, Q and b of σ0 + Q (1 - exp(-b p)).
+        yield_stress, saturation, rate: σ0, Q and b of σ0 + Q (1 - exp(-b p)); b is per strain, see :class:`Voce`.
         backs: modulus C, a stress, and recall γ of each back stress; it saturates at C / γ in a pull.
     """
 

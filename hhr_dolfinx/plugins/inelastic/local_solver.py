@@ -7,6 +7,18 @@ section 3.3): it depends on no unit either.
 
 Points go through the machine in blocks. In a block all points go on until the last one is solved; those that are
 solved, or need no solution, stay as they are.
+
+Arguments of compiled functions, for a block of m points and number ``law`` of the laws in ``code``, which has c
+components of strain, u unknowns y and a residual r(y) = 0:
+
+- ``work``: registers of the machine, (registers, m); the first are strain, y, memory, dt, E, ν and other constants.
+- ``iterate``, ``steps``, ``new``: y, its last accepted Newton step, and the next step or -r, (u, m).
+- ``factors``, ``pivots``: LU factors of dr/dy, (u, u, m), and rows exchanged, (u, m); later a tuple of both and room
+  for (dr/dy)^-1 dr/dε, (c, u, m).
+- ``which``: points to work on, (m,), a bool; ``open_``: results, (m,), -:data:`NOT_SOLVED` where iterations failed.
+- ``kinds``: number of the variable that each unknown is a component of, (u,); ``weights``: size of each, (u, m).
+- ``found``: stress, memory, tangents and results of all n points, see :func:`solve_points`; the block has ``count``
+  of them from number ``first``.
 """
 
 from __future__ import annotations
@@ -56,7 +68,7 @@ STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)
 
 @compiled(inner=True, error_model="numpy")
 def _factor(factors, pivots, which):
-    """LU factors of matrices, (n, n, points), in their place, for some points; a singular one has a pivot 0 or NaN."""
+    """Replace ``factors``, which hold matrices, by LU factors; a singular one has a pivot 0 or NaN."""
     size = len(factors)
     for k in range(which.size if size > 1 else 0):
         if not which[k]:
@@ -79,7 +91,7 @@ def _factor(factors, pivots, which):
 
 @compiled(inner=True, error_model="numpy")
 def _solve(factors, pivots, which, vectors):
-    """Solve with LU factors which replace the right-hand sides, (n, points), for some points."""
+    """Replace right-hand sides ``vectors``, (u, m), by solutions with LU factors."""
     size = len(factors)
     if size == 1:
         for k in range(which.size):
@@ -103,7 +115,7 @@ def _solve(factors, pivots, which, vectors):
 
 @compiled(inner=True, error_model="numpy")
 def _measure(steps, weights, kinds, lengths):
-    """Largest part of an unknown that a step changes, relative to its kind; infinite if it is not finite."""
+    """Set ``lengths``, (m,): largest change of an unknown relative to its kind; infinite if a step is not finite."""
     for k in range(lengths.size):
         lengths[k] = 0.0
     for i in range(kinds.size):
@@ -115,12 +127,12 @@ def _measure(steps, weights, kinds, lengths):
 
 @compiled(inner=True, error_model="numpy")
 def _newton(code, law, work, open_, factors, pivots):
-    """Solve for the unknowns of the points of a block that are open; ``open_`` becomes the result at each."""
+    """Solve for y, in ``work``, at points that are not solved; ``open_`` becomes the result at each."""
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
     kinds = code.kinds[law, :size]
     count = open_.size
-    here = np.zeros((size, count))
+    iterate = np.zeros((size, count))
     steps = np.zeros((size, count))
     new = np.zeros((size, count))
     weights = np.ones((size, count))
@@ -145,18 +157,18 @@ def _newton(code, law, work, open_, factors, pivots):
                     share[k] *= 0.5
                     chosen[k] = False
                     for i in range(size):
-                        work[strains + i, k] = here[i, k] + share[k] * steps[i, k]
-        _linearise(code, law, work, chosen, factors, here)
+                        work[strains + i, k] = iterate[i, k] + share[k] * steps[i, k]
+        _linearise(code, law, work, chosen, factors, iterate)
         _negate(code, law, work, chosen, new)
         _factor(factors, pivots, chosen)
         _solve(factors, pivots, chosen, new)
-        _weigh(here, new, chosen, kinds, weights)
+        _weigh(iterate, new, chosen, kinds, weights)
         _measure(new, weights, kinds, length)
         for i in range(size):
             for k in range(count):
                 if chosen[k]:
                     steps[i, k] = new[i, k]
-                    work[strains + i, k] = here[i, k] + new[i, k]
+                    work[strains + i, k] = iterate[i, k] + new[i, k]
         for k in range(count):
             if chosen[k]:
                 share[k] = 1.0
@@ -165,21 +177,21 @@ def _newton(code, law, work, open_, factors, pivots):
                     open_[k] = -NOT_SOLVED  # no more iterations
                 elif length[k] <= DONE:
                     open_[k] = SOLVED
-    _settle(code, law, work, open_, factors, pivots, here, steps)
+    _settle(code, law, work, open_, factors, pivots, iterate, steps)
 
 
 @compiled(inner=True, error_model="numpy")
-def _settle(code, law, work, open_, factors, pivots, here, steps):
+def _settle(code, law, work, open_, factors, pivots, iterate, steps):
     """Take points as solved whose steps are as small as a change of the strain by round-off makes them.
 
     Where a point is just about to yield, its flow is such a change, and the steps are never small beside it.
     """
     strains = code.sizes[law, STRAINS]
-    size = len(here)
+    size = len(iterate)
     for i in range(size):
         for k in range(open_.size):
             if open_[k] == NOT_SOLVED:
-                work[strains + i, k] = here[i, k] + steps[i, k]
+                work[strains + i, k] = iterate[i, k] + steps[i, k]
     run(code.rows, code.starts[law, AFTER], code.ends[law, SLOPES], work)
     first = code.output_starts[law, SLOPES] + strains * (strains + size)
     which = open_ == NOT_SOLVED
@@ -206,7 +218,7 @@ def _settle(code, law, work, open_, factors, pivots, here, steps):
 
 @compiled(inner=True)
 def _negate(code, law, work, which, new):
-    """The residual of some points, with the other sign."""
+    """Set ``new`` to -r, which the last run of the machine computed."""
     first = code.output_starts[law, LOCAL]
     for i in range(len(new)):
         row = code.outputs[first + i]
@@ -216,14 +228,14 @@ def _negate(code, law, work, which, new):
 
 
 @compiled(inner=True)
-def _linearise(code, law, work, which, factors, here):
-    """The derivatives of the residual of some points, and their unknowns."""
-    size = len(here)
+def _linearise(code, law, work, which, factors, iterate):
+    """Set ``factors`` to dr/dy of the last run, and ``iterate`` to its y."""
+    size = len(iterate)
     first = code.output_starts[law, LOCAL] + size
     for i in range(size):
         for k in range(which.size):
             if which[k]:
-                here[i, k] = work[code.sizes[law, STRAINS] + i, k]
+                iterate[i, k] = work[code.sizes[law, STRAINS] + i, k]
         for j in range(size):
             row = code.outputs[first + i * size + j]
             for k in range(which.size):
@@ -232,8 +244,8 @@ def _linearise(code, law, work, which, factors, here):
 
 
 @compiled(inner=True)
-def _weigh(here, new, which, kinds, weights):
-    """Size of the unknowns of each kind at some points."""
+def _weigh(iterate, new, which, kinds, weights):
+    """Set ``weights``: largest unknown or step of each kind."""
     for i in range(kinds.size):
         for k in range(which.size):
             if which[k]:
@@ -242,12 +254,12 @@ def _weigh(here, new, which, kinds, weights):
         kind = kinds[i]
         for k in range(which.size):
             if which[k]:
-                weights[kind, k] = max(weights[kind, k], abs(here[i, k]), abs(new[i, k]))
+                weights[kind, k] = max(weights[kind, k], abs(iterate[i, k]), abs(new[i, k]))
 
 
 @compiled(inner=True)
 def _load(code, law, work, first, count, strain, old, dt, constants):
-    """Set the inputs of a block; points beyond the last one repeat it."""
+    """Set the inputs of a block from those of :func:`solve_points`; points after the last one repeat it."""
     strains = code.sizes[law, STRAINS]
     unknowns = code.sizes[law, UNKNOWNS]
     memory = code.sizes[law, MEMORY]
@@ -271,34 +283,34 @@ def _load(code, law, work, first, count, strain, old, dt, constants):
 
 
 @compiled(inner=True)
-def _store(code, law, work, part, first, points, wanted, found):
-    """Store stress and memory of the points of a block with ``points`` as wanted, and which are beyond the limit."""
+def _store(code, law, work, part, first, solved_for, wanted, found):
+    """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is ``wanted``, a bool."""
     stress, new, _, result = found
     outputs = code.outputs
     start = code.output_starts[law, part]
     stresses = stress.shape[0]
     memory = new.shape[0]
-    count = min(points.size, stress.shape[1] - first)
+    count = min(solved_for.size, stress.shape[1] - first)
     for i in range(stresses):
         row = outputs[start + i]
         for k in range(count):
-            if points[k] == wanted:
+            if solved_for[k] == wanted:
                 stress[i, first + k] = work[row, k]
     for i in range(stresses, memory):
         row = outputs[start + i]
         for k in range(count):
-            if points[k] == wanted:
+            if solved_for[k] == wanted:
                 new[i, first + k] = work[row, k]
     if code.sizes[law, LIMITED] and (part == AFTER or code.sizes[law, UNKNOWNS] == 0):
         row = outputs[start + memory]
         for k in range(count):
-            if points[k] == wanted and not work[row, k] >= 0:
+            if solved_for[k] == wanted and not work[row, k] >= 0:
                 result[first + k] = BEYOND
 
 
 @compiled(inner=True, error_model="numpy")
-def _store_tangents(code, law, work, part, first, points, wanted, tangent, factors):
-    """Store the tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε of these points."""
+def _store_tangents(code, law, work, part, first, solved_for, wanted, tangent, factors):
+    """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of :func:`_store`."""
     matrices, pivots, columns = factors
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -307,64 +319,64 @@ def _store_tangents(code, law, work, part, first, points, wanted, tangent, facto
     by_unknown = start + strains * strains
     of_residual = by_unknown + strains * size
     corrected = size if part == SLOPES else 0
-    count = min(points.size, tangent.shape[2] - first)
+    count = min(solved_for.size, tangent.shape[2] - first)
     for j in range(strains if corrected else 0):
         for i in range(size):
             row = outputs[of_residual + i * strains + j]
             for k in range(count):
                 columns[j, i, k] = work[row, k]
-        _solve(matrices, pivots, points, columns[j])
+        _solve(matrices, pivots, solved_for, columns[j])
     for i in range(strains):
         for j in range(strains):
             row = outputs[start + i * strains + j]
             for k in range(count):
-                if points[k] == wanted:
+                if solved_for[k] == wanted:
                     tangent[i, j, first + k] = work[row, k]
             for a in range(corrected):
                 row = outputs[by_unknown + i * size + a]
                 for k in range(count):
-                    if points[k]:
+                    if solved_for[k]:
                         tangent[i, j, first + k] -= work[row, k] * columns[j, a, k]
 
 
 @compiled(inner=True)
-def _finish(code, law, work, part, first, points, wanted, found, factors):
-    """Store stress, memory and tangents of the points of a block that were solved for, or of all others."""
+def _finish(code, law, work, part, first, solved_for, wanted, found, factors):
+    """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at the others."""
     run(code.rows, code.starts[law, part], code.ends[law, part], work)
-    _store(code, law, work, part, first, points, wanted, found)
+    _store(code, law, work, part, first, solved_for, wanted, found)
     tangent = found[2]
     if tangent.size > 0:
         run(code.rows, code.starts[law, part + 1], code.ends[law, part + 1], work)
-        _store_tangents(code, law, work, part + 1, first, points, wanted, tangent, factors)
+        _store_tangents(code, law, work, part + 1, first, solved_for, wanted, tangent, factors)
 
 
 @compiled(inner=True, error_model="numpy")
 def _solve_block(code, law, work, first, count, states, found, factors):
-    """Solve for the points of a block whose inputs are set; ``states`` tell whether and how each is solved."""
-    points, open_ = states
+    """Solve a block whose inputs are set; ``states`` is room for ``solved_for`` and ``open_``."""
+    solved_for, open_ = states
     result = found[3]
     size = code.sizes[law, UNKNOWNS]
     trial = code.output_starts[law, TRIAL]
     tried = code.output_ends[law, TRIAL] > trial
     run(code.rows, code.starts[law, TRIAL], code.ends[law, TRIAL], work)
     active = 0
-    for k in range(points.size):
+    for k in range(solved_for.size):
         # NaN is to be solved for, and fails
-        points[k] = k < count and size > 0 and (not tried or not work[code.outputs[trial], k] <= 0)
-        open_[k] = NOT_SOLVED if points[k] else SOLVED
-        active += points[k]
+        solved_for[k] = k < count and size > 0 and (not tried or not work[code.outputs[trial], k] <= 0)
+        open_[k] = NOT_SOLVED if solved_for[k] else SOLVED
+        active += solved_for[k]
     if active > 0:
         run(code.rows, code.starts[law, START], code.ends[law, START], work)
         for i in range(size):
             place = code.outputs[code.output_starts[law, START] + i]
-            for k in range(points.size):
+            for k in range(solved_for.size):
                 work[code.sizes[law, STRAINS] + i, k] = work[place, k]
         _newton(code, law, work, open_, factors[0], factors[1])
-        _finish(code, law, work, AFTER, first, points, True, found, factors)
+        _finish(code, law, work, AFTER, first, solved_for, True, found, factors)
     for k in range(count):
         result[first + k] = max(result[first + k], abs(open_[k]))
     if active < count:
-        _finish(code, law, work, REST, first, points, False, found, factors)
+        _finish(code, law, work, REST, first, solved_for, False, found, factors)
 
 
 @compiled(dear="the update of laws of bodies", error_model="numpy")
@@ -399,7 +411,7 @@ def solve_points(
 
 @compiled(inner=True)
 def _set_inelastic(strain, old, compliance, stress, new):
-    """Inelastic strain ε - C^-1 σ; where nothing flowed, it does not change by round-off."""
+    """Set the first rows of ``new`` to ε - C^-1 σ, (c, n); where nothing flowed, it does not change by round-off."""
     components, points = strain.shape
     for i in range(components):
         for k in range(points):

@@ -8,6 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic.law import Law, LawProgram, State, program_of
+from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, REST
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.testing import OF_FUNCTIONS, OTHER_IN_A_FILE, blaming, from_file, require
 
@@ -17,6 +18,9 @@ WRONG = {
     "energy": "it gives back {:.3g} of the energy that a path put in: its inelastic strain goes against the stress",
     "tangent": "its stress jumps, so that differences give {:.6g} and its tangent {:.6g}: state it continuously",
     "softens": "its stress falls as strain grows, by {:.3g} of E: leave softening out, it depends on the mesh",
+    "symmetric": "its elastic C is unsymmetric by {:.3g} of E, so closed paths gain energy: derive an energy twice",
+    "rest": "its tangent without strain is no number: take ufl.conditional where a root or a quotient is at 0",
+    "path": "its stress depends on the path, by {:.3g}, and its `cumulated` never grows: state what flows",
 }
 """What the check says of a law: what is wrong, and what to do."""
 POINTS = 60
@@ -24,32 +28,72 @@ POINTS = 60
 
 @blaming
 def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1) -> None:
-    """Check a law of a body, for moduli, strains and a time step at which it flows.
+    """Check a law of a body with numbers as constants, along random paths of strains in the plane.
 
-    Along random paths it dissipates, its tangents are derivatives of the stress, and it does not soften.
+    An inelastic law must dissipate, an elastic one must have symmetric tangents and forget its path. Of both, tangents
+    are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E, and a file answers the same.
+    Paths start without stress: heat, which is constant, has strained the points before.
+
+    Args:
+        law: of small strains, or a function without arguments that makes it; wrong ones raise ConformanceError.
+        young, poisson: E, in the unit of stress of the law, and ν of the body.
+        strain: size of the steps times 4, at which an inelastic law flows.
+        dt: length of a step in seconds.
     """
     if not isinstance(law, Law):
         raise SceneError("a law of a body derives hhr.Law and states a step in UFL")
     program = program_of(law, 4)
     material = Material([Group(np.arange(POINTS), young, poisson, program)], 4)
-    old = material.at_rest()
-    before = np.zeros((POINTS, 4))
+    before, compliance, start = _unloaded(material, dt)
+    _check_symmetry(np.linalg.pinv(compliance), young)
+    old, inelastic, flows = start, before, _flows(program)
     work = np.zeros(POINTS)
     random = np.random.default_rng(0)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)
         found = material.update(path, old, dt, tangent=True)
-        work += np.einsum("nc,nc->n", found.stress, found.state.inelastic - old.inelastic)
-        lost = -float(work.min()) / (young * strain**2)
-        require(lost <= 1e-9, WRONG["energy"], lost)
+        if flows:  # the inelastic strain is that of its elasticity, not of the body's
+            last, inelastic = inelastic, path - np.einsum("nij,nj->ni", compliance, found.stress)
+            work += np.einsum("nc,nc->n", found.stress, inelastic - last)
+            lost = -float(work.min()) / (young * strain**2)
+            require(lost <= 1e-9, WRONG["energy"], lost)
+        else:
+            _check_symmetry(np.asarray(found.tangents), young)
+            other = np.abs(material.update(path, start, dt, tangent=False).stress - found.stress).max()
+            require(other <= 1e-9 * young * strain, WRONG["path"], other)
         _check_tangents(material, path, old, dt, found.tangents, young, strain)
         before = path
         old = found.state
-    require(old.cumulated.any(), WRONG["idle"], strain, young)
+    require(not flows or old.cumulated.any(), WRONG["idle"], strain, young)
     again: LawProgram = from_file(program)
     same = Material([Group(np.arange(POINTS), young, poisson, again)], 4).update(before, old, dt, tangent=False)
     there = material.update(before, old, dt, tangent=False)
     require(np.array_equal(same.stress, there.stress), WRONG["file"])
+
+
+def _flows(program: LawProgram) -> bool:
+    """True if a step may change the cumulated strain: its output is another register than its input."""
+    unknowns = len(program.kinds)
+    first = program.program.output_ends[(AFTER if unknowns else REST) - 1]
+    return bool(program.program.outputs[first + program.strains] != 2 * program.strains + unknowns)
+
+
+def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, State]:
+    """Strains without stress, which are those of heat, with C^-1 and state there, in a step too short for creep."""
+    strain = np.zeros((POINTS, 4))
+    for _ in range(3):
+        found = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
+        tangents = np.asarray(found.tangents)
+        require(np.isfinite(tangents).all(), WRONG["rest"])
+        compliance = np.linalg.pinv(tangents)
+        strain = strain - np.einsum("nij,nj->ni", compliance, found.stress)
+    return strain, compliance, found.state
+
+
+def _check_symmetry(tangents: np.ndarray, young: float) -> None:
+    """Elastic tangents, (points, 4, 4), must be second derivatives of an energy."""
+    most = float(np.abs(tangents - tangents.swapaxes(1, 2)).max()) / young
+    require(most <= OF_FUNCTIONS, WRONG["symmetric"], most)
 
 
 def _check_tangents(

@@ -12,7 +12,7 @@ from hhr_dolfinx.plugins.programs.graph import Graph
 
 
 def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
-    """Symbols of UFL by name: constants with these shapes on a mesh without meaning. It needs basix, not DOLFINx."""
+    """Constants of UFL by name, with these shapes; math.sqrt of one raises SceneError. It needs basix, not DOLFINx."""
     import basix.ufl
     import ufl
 
@@ -28,7 +28,7 @@ def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
 
 
 def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> list[int]:
-    """Nodes of all components of an expression; ``inputs`` maps symbols to the nodes of their components.
+    """Nodes of all components of an expression of any shape, row by row; ``inputs`` maps symbols to theirs.
 
     Raises:
         SceneError: for operations that programs do not have, such as Bessel functions or derivatives in space.

@@ -40,15 +40,15 @@ class Graph:
         self._derivatives: dict[int, dict[int, int]] = {}
 
     def input(self, name: str, place: int = 0) -> int:
-        """The node of a component of an input."""
+        """Node of a component of an input; the same for the same name and place."""
         return self._node(("input", name, place))
 
     def const(self, value: float) -> int:
-        """The node of a number."""
+        """Node of a constant."""
         return self._node(("const", float(value)))
 
     def number(self, node: int) -> float | None:
-        """The number that a node is; None for other nodes."""
+        """Value of a node that is a constant; None for other nodes."""
         kind, *rest = self.nodes[node]
         return rest[0] if kind == "const" else None
 
@@ -59,7 +59,7 @@ class Graph:
         return self._known[key]
 
     def apply(self, operation: str, *args: int) -> int:
-        """The node of an operation, simplified."""
+        """Node of one of :data:`OPERATIONS` on nodes, simplified; constants are folded if the result is finite."""
         numbers = [self.number(arg) for arg in args]
         folded = self._folded(operation, numbers)
         if folded is not None:
@@ -149,7 +149,7 @@ class Graph:
         return None
 
     def substituted(self, nodes: Sequence[int], table: dict[int, int]) -> list[int]:
-        """Nodes, with some nodes replaced by others; all is simplified anew."""
+        """Nodes with those in ``table`` replaced by its values, simplified again; as many as ``nodes``."""
         memo = dict(table)
         for place in self.needed(nodes):
             if place not in memo:
@@ -159,7 +159,7 @@ class Graph:
         return [memo[node] for node in nodes]
 
     def needed(self, nodes: Sequence[int]) -> list[int]:
-        """All nodes that some nodes depend on, operands first."""
+        """All nodes that ``nodes`` depend on, and these, without repetition, operands first."""
         needed = bytearray(max(nodes, default=-1) + 1)
         for node in nodes:
             needed[node] = 1
@@ -171,7 +171,7 @@ class Graph:
         return list(compress(range(len(needed)), needed))
 
     def derivative(self, node: int, by: int) -> int:
-        """Derivative of a node by an input: forwards, so that branches not chosen spoil nothing."""
+        """Node of a derivative by an input: forwards, so that NaN of branches not chosen does not spread."""
         memo = self._derivatives.setdefault(by, {})
         for place in self.needed([node]):
             if place not in memo:
@@ -179,7 +179,7 @@ class Graph:
         return memo[node]
 
     def jacobian(self, nodes: Sequence[int], by: Sequence[int]) -> list[int]:
-        """Derivatives of nodes by inputs, row by row."""
+        """Nodes of derivatives of nodes by inputs, len(nodes) * len(by), row by row."""
         return [self.derivative(node, one) for node in nodes for one in by]
 
     def _derived(self, place: int, by: int, memo: dict[int, int]) -> int:

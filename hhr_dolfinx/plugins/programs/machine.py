@@ -78,7 +78,7 @@ def _rare(code: int, x: float, y: float) -> float:
 
 @compiled(inner=True, error_model="numpy")
 def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
-    """Execute rows of a program on registers, (registers, points), whose inputs and numbers are set."""
+    """Execute rows, (rows, 5), from start to end - 1 on registers, (registers, points), with inputs and numbers set."""
     count = work.shape[1]
     for row in range(start, end):
         code = rows[row, 0]
@@ -120,7 +120,7 @@ def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
 
 @compiled(inner=True)
 def set_numbers(numbers: np.ndarray, inputs: int, work: np.ndarray) -> None:
-    """Set the registers of the constants of a program."""
+    """Copy constants, (numbers,), into the registers after the ``inputs`` first ones of (registers, points)."""
     for number in range(numbers.size):
         for k in range(work.shape[1]):
             work[inputs + number, k] = numbers[number]
@@ -144,7 +144,7 @@ def _evaluated(rows, spans, numbers, outputs, registers, given, found):
 
 
 def evaluated(program: Program, given: np.ndarray, *others: int) -> np.ndarray:
-    """Outputs of the last of some parts, (outputs, n), executed in turn for inputs, (inputs, n); else the first."""
+    """Outputs, (outputs, n), of the last of some parts run in turn for inputs, (inputs, n); of part 0 without any."""
     parts = others or (0,)
     spans = np.array([[program.ends[part - 1] if part else 0, program.ends[part]] for part in parts])
     first = program.output_ends[parts[-1] - 1] if parts[-1] else 0

@@ -84,7 +84,10 @@ class Program(Rebuilt):
     def of(
         cls, graph: Graph, inputs: Mapping[str, Size], parts: Sequence[Sequence[int]], order: Order | None = None
     ) -> Program:
-        """The program of parts, each with the nodes of its outputs; ``inputs`` are names with sizes, in their order."""
+        """Program of parts, each with the nodes of its outputs; ``inputs`` are names with sizes, in their order.
+
+        Raises SceneError for too many registers, KeyError for other inputs. By default parts share no values.
+        """
         firsts = dict(zip(inputs, np.cumsum([0, *inputs.values()]).tolist(), strict=False))
         count = sum(inputs.values())
         needed = [graph.needed(part) for part in parts]
@@ -121,7 +124,7 @@ class Order:
     repeated: int = -1  # part that is executed again and again, as it changes; -1 without one
 
     def line(self, part: int | None) -> list[int]:
-        """A part and those before it, the last one first."""
+        """Numbers of a part and of those before it, the last one first; none for None."""
         found = []
         while part is not None:
             found.append(part)
@@ -129,7 +132,7 @@ class Order:
         return found
 
     def homes(self, graph: Graph, needed: Sequence[Sequence[int]]) -> list[list[int]]:
-        """Operations that each part computes: a value that several parts need is computed once, before all of them."""
+        """Nodes that each part computes: a value that several parts need is computed once, before all of them."""
         users: dict[int, list[int]] = {}
         for part, nodes in enumerate(needed):
             for node in nodes:

@@ -67,6 +67,19 @@ def test_laws_that_keep_the_contract_pass():
         suite.check_law(law)
 
 
+@needs("inelastic")
+def test_heat_and_moduli_of_a_law_are_no_energy_that_comes_back():
+    """Swelling by 1 % in the first step, E of 2.5 times that of the body, both, and elasticity alone."""
+    wood = hhr.Orthotropic(200.0, 100.0, 50.0, 0.3, 0.2, 0.1, 40.0, 30.0, 20.0)
+    for law in (hhr.Plasticity(1.0, 5.0), hhr.Norton(2.0, 4.0), None):
+        for change in (100.0, -100.0):
+            suite.check_law(hhr.Heated(law, 1e-4, change))
+            suite.check_law(hhr.ChangingStiffness(hhr.Heated(law, 1e-4, change), 500.0))
+        suite.check_law(hhr.ChangingStiffness(law, 500.0))
+    suite.check_law(wood)
+    suite.check_law(hhr.Heated(wood, 1e-4, 100.0))
+
+
 def test_parts_of_another_distribution_pass(monkeypatch):
     """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "external_package"))
@@ -139,7 +152,7 @@ def broken(name):
             from hhr_dolfinx.forms.laws import Stated, closed, deviator, equivalent, hooke, trace, unit
 
             if name == "never":
-                return closed(at, lambda trial, stiff: 0 * trial)
+                return closed(at, lambda trial, stiff: ufl.max_value(-trial, 0))
             rest = hooke(deviator(at.strain - at.old.inelastic), at.constants)
             over = ufl.max_value(equivalent(rest) - 1, 0) / equivalent(rest)
             over = ufl.conditional(ufl.gt(equivalent(rest), 1), over, 0)
@@ -154,6 +167,78 @@ def broken(name):
 def test_broken_laws(name):
     with pytest.raises(ConformanceError, match=f"Broken: .*{CHANGES[name][1]}"):
         suite.check_law(broken(name))
+
+
+def statements():
+    """Laws with wrong heat, moduli or elasticity, each with the message."""
+    import ufl
+
+    from hhr_dolfinx.forms.laws import Stated, closed, equivalent, hooke, trace, unit
+
+    def leaning(at):
+        skew = ufl.as_vector([at.strain[1], 0, 0, 0])
+        return Stated(hooke(at.strain, at.constants) + 2.0 * skew)
+
+    def flowing(at, strain, young):
+        """Plasticity without hardening of a strain and with an E."""
+        constants = type(at.constants)(**{**vars(at.constants), "young": young})
+        at = at._replace(strain=strain, constants=constants)
+        return closed(at, lambda trial, stiff: ufl.max_value(trial - 1, 0) / stiff)
+
+    def elastic_and_leaning(at):
+        found = flowing(at, at.strain, at.constants.young)
+        return found._replace(stress=found.stress + leaning(at).stress - hooke(at.strain, at.constants))
+
+    def ratchet(at):
+        """Heat that strains in each step again, as `old.inelastic` has it already."""
+        swollen = 5e-3 + trace(at.old.inelastic) / 3
+        return flowing(at, at.strain - swollen * unit(at.strain), at.constants.young)
+
+    def other_elasticity(at):
+        """E of its own, with the inelastic strain of that of the body."""
+        return flowing(at, at.strain, 3 * at.constants.young)
+
+    def silent(at):
+        """A heated law that flows, and does not state how much."""
+        return flowing(at, at.strain, at.constants.young)._replace(memory={})
+
+    def hardening_by_pressure(at):
+        """A bulk modulus that grows with shear: symmetric at rest, and no derivative of an energy elsewhere."""
+        more = 50 * abs(at.strain[3]) * trace(at.strain) / 3
+        return Stated(hooke(at.strain + more * unit(at.strain), at.constants))
+
+    def rooted(at):
+        """A root, whose slope is no number at 0."""
+        return Stated(hooke(at.strain, at.constants) * (1 + equivalent(at.strain)))
+
+    return {
+        "rooted": (rooted, "tangent without strain is no number"),
+        "leaning": (leaning, "unsymmetric by 0.01 of E"),
+        "elastic and leaning": (elastic_and_leaning, "unsymmetric by 0.01 of E"),
+        "ratchet": (ratchet, "gives back .* of the energy"),
+        "other elasticity": (other_elasticity, "gives back .* of the energy"),
+        "silent": (silent, "stress depends on the path, .* never grows"),
+        "by pressure": (hardening_by_pressure, "unsymmetric by"),
+    }
+
+
+WRONG_LAWS = ["rooted", "leaning", "elastic and leaning", "ratchet", "other elasticity", "silent", "by pressure"]
+
+
+@needs("inelastic")
+@pytest.mark.parametrize("name", WRONG_LAWS)
+def test_wrong_laws_with_heat_moduli_or_elasticity(name):
+    statement, said = statements()[name]
+
+    class Wrong(hhr.Law):
+        def constants(self):
+            return {}
+
+        def statement(self, at):
+            return statement(at)
+
+    with pytest.raises(ConformanceError, match=f"Wrong: .*{said}"):
+        suite.check_law(Wrong())
 
 
 @needs("inelastic")

@@ -391,7 +391,7 @@ def test_a_law_of_ones_own_answers_by_its_equation():
 
 
 def test_the_laws_of_the_page_keep_the_contract():
-    """Both examples of docs/laws.md, as they are printed; the second creeps by the sum of both rates."""
+    """Examples of docs/laws.md, as they are printed; one creeps by the sum of both rates, one is Chaboche's law."""
     text = (Path(__file__).parents[3] / "docs" / "laws.md").read_text()
     names = {"__name__": "laws_of_the_page"}
     exec("\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL)), names)
@@ -399,6 +399,12 @@ def test_the_laws_of_the_page_keep_the_contract():
     point.step({}, 1e-9, {0: 100.0})
     point.step({}, 10.0, {0: 100.0})
     assert point.state.inelastic[0, 0] == pytest.approx(10 * (1e-9 * 100 + 1e-18 * 100**5), rel=1e-9)
+    one, other = Point(names["Prager"](200.0, 20e3)), Point(hhr.Chaboche(200.0, ((20e3, 0.0),)))
+    for strain in np.cumsum(np.random.default_rng(3).normal(size=(8, 6)) * 2e-3, axis=0):
+        found, same = one.after(strain, tangent=False), other.after(strain, tangent=False)
+        assert found.stress == pytest.approx(same.stress, rel=1e-8, abs=1e-6)
+        one.state, other.state = found.state, same.state
+    assert other.state.cumulated[0] > 0.01
 
 
 def test_laws_are_data_that_need_neither_ufl_nor_dolfinx(tmp_path):
