@@ -53,6 +53,7 @@ class Assembler:
     vector: Callable[[ufl.Form], np.ndarray]  # assembles a UFL form that is linear in v, (N,); refuses other forms
     surface: Callable[[Tag], Surface]  # nodes of the facets with a tag, their coordinates and measures
     nodes: Callable[[Tag | Place], np.ndarray]  # numbers of the nodes of a surface, of a set or of a place, (k,)
+    points: Callable[[], np.ndarray]  # coordinates of all nodes, (nodes, dim)
     # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
     # of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
@@ -222,7 +223,8 @@ def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
 
 def first_load(scene: Any) -> int:
     """Index in θ of the first load: 1, affine displacements, openings, affine loads, other loads and displacements."""
-    amplitudes = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
+    items = (*scene.displacements, *scene.constraints)
+    amplitudes = [bound(item.amplitude, scene.parameters) for item in items]
     affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in amplitudes)
     return 1 + affine + len(scene.openings)
 

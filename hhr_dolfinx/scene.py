@@ -131,6 +131,8 @@ class Scene:
         units: units of lengths and stresses, for labels and materials by name; None if they are not given.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
+        constraints: equations between displacements, each a :class:`~hhr_dolfinx.full_order.constraints.Constraint`,
+            such as ties, which a plug-in adds.
         system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
             bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
         parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
@@ -150,6 +152,7 @@ class Scene:
     units: Units | None = None
     order: int | None = None
     system: Callable[..., Any] | None = None
+    constraints: tuple[Any, ...] = ()
     parameter_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -190,6 +193,10 @@ class Scene:
         if self.system is not None and (not callable(self.system) or self.shapes or self.reader):
             raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_shapes()
+        if self.constraints and (self.shapes or self.system is not None or self.reader):
+            raise SceneError(
+                f"scene '{self.name}' has constraints, which are built in for elastic bodies without shapes and systems"
+            )
         if self.reader:
             laws_of_scenes(self.reader).check_scene(self)
         if not self.contacts:
@@ -338,7 +345,7 @@ class Scene:
                 )
 
     def _check_names(self) -> None:
-        driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
+        driven: tuple[Any, ...] = (*self.displacements, *self.constraints, *self.openings, *self.loads)
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
             if isinstance(amplitude, Amplitude):
@@ -366,6 +373,7 @@ _PARTS = (
     ("contacts", "a contact pair with tags and rows, such as Obstacle or NodeToNode", _has("tags", "rows")),
     ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
     ("loads", "a load with terms, such as Pressure", _has("terms")),
+    ("constraints", "a constraint with equations, such as Tie", _has("equations", "amplitude")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
     ("shapes", "a Shape", _has("coordinates", "moved")),
     ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),

@@ -30,6 +30,7 @@ from hhr_dolfinx.linear.rows import Rows, rows_of
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.followers import Followers
     from hhr_dolfinx.contact.kernel import Kernel
     from hhr_dolfinx.formulas import Modulus, Scalar
 
@@ -172,6 +173,13 @@ class ContactProblem:
     whole_contact: csr_matrix | None = None
     law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
     group: Group = ALONE  # processes that have some rows each
+    # dofs that follow others; they are not free, K, B and loads act through them, and lifts include them
+    followers: Followers | None = None
+
+    @property
+    def movable(self) -> np.ndarray:
+        """Dofs that are not imposed: free ones and followers, (N,) bool."""
+        return self.free if self.followers is None else self.free | self.followers.own
 
     @property
     def held(self) -> np.ndarray:

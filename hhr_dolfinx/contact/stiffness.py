@@ -161,6 +161,7 @@ class SparseStiffness(Stiffness):
         self._store = store
         self._spread = problem.spread
         self._idle = None if problem.kernel is None else problem.kernel.idle[problem.rows]
+        self._follow = None if problem.followers is None else problem.followers.map
         self._components = components
         self._response = response
         self._keeps = keeps
@@ -176,6 +177,8 @@ class SparseStiffness(Stiffness):
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """See :class:`Stiffness`."""
         idle = self._idle
+        if self._follow is not None:
+            return self._follow @ self._store.solve(self.matrix, self._follow.T @ rhs)
         if idle is None:
             return self._store.solve(self.matrix, rhs)
         return self._without(idle, self._store.solve(self.matrix, self._without(idle, rhs)))
@@ -183,6 +186,8 @@ class SparseStiffness(Stiffness):
     def columns(self, rhs: spmatrix) -> np.ndarray:
         """See :class:`Stiffness`."""
         with self._store.of(self.matrix) as factors:
+            if self._follow is not None:
+                return self._follow @ factors.solve_columns(csc_matrix(self._follow.T @ rhs))
             found = factors.solve_columns(rhs)
             idle = self._idle
             if idle is None or not idle.shape[1]:

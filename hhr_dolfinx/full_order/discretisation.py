@@ -25,11 +25,11 @@ from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
-from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
+from hhr_dolfinx.full_order.free_bodies import check_held, described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.materials.elasticity import lame_parameters
@@ -37,6 +37,7 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.followers import Followers
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.loads import Load
 
@@ -110,6 +111,10 @@ class Discretisation(DiscreteSpace):
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
         imposed, free = self._displacements()
+        followers = None
+        if scene.constraints:
+            followers, following = self._constrained(free)
+            imposed, free = [*imposed, *following], free & ~followers.own
         terms = self.load_terms()
         straight, curved = parted(imposed)
         given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved)
@@ -118,21 +123,32 @@ class Discretisation(DiscreteSpace):
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
-        lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes()) if moduli else lifts
+        if followers is not None:
+            lifts = followers.lifted(lifts)
+        elif moduli:
+            lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
         rows, pairs = self.contact_rows()
         gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
         for k, item in enumerate(scene.openings, start=1 + len(straight)):
             gaps[pairs == item.contact, k] += 1.0
-        kept = conditions_with_unknowns(scene, rows, gaps, amplitudes, free)
+        acting = rows if followers is None else replace(rows, matrix=csr_matrix(rows.matrix @ followers.map))
+        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
-            rows, pairs, law = self._with_laws(laws, rows, pairs, free, lifts)
+            movable = free if followers is None else free | followers.own
+            rows, pairs, law = self._with_laws(laws, rows, pairs, movable, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
+        acting_rows = rows.matrix
+        if followers is not None:
+            pulled = [followers.map.T @ term for term in pulled]
+            forces = csc_matrix(followers.map.T @ forces)
+            stiffness = followers.of_stiffness(stiffness)
+            acting_rows = csr_matrix(rows.matrix @ followers.map)
         lifted = [masked(csc_matrix(self.group.stacked(part)), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
@@ -143,7 +159,7 @@ class Discretisation(DiscreteSpace):
             free=free,
             loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
             lifts=lifts,
-            contact=_without_columns(rows.matrix, ~free),
+            contact=_without_columns(acting_rows, ~free),
             gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
@@ -157,7 +173,16 @@ class Discretisation(DiscreteSpace):
             whole_contact=rows.matrix,
             law=law,
             group=self.group,
+            followers=followers,
         )
+
+    def _constrained(self, free: np.ndarray) -> tuple[Followers, list[Term]]:
+        """Followers of the constraints, and lifts of their values; NotOfferedError on several ranks."""
+        from hhr_dolfinx.full_order.constraints import followers_of
+
+        if self.group.size > 1:
+            raise NotOfferedError(f"constraints, of scene '{self.scene.name}', are built in for one rank")
+        return followers_of(self, free)
 
     def _node_mass(self) -> csr_matrix:
         """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""
@@ -192,6 +217,9 @@ class Discretisation(DiscreteSpace):
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
+        if problem.followers is not None:
+            check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~problem.movable)
+            return self._warned(problem)
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
         if free:
             if "kernel" not in registry.named("tools"):
@@ -200,6 +228,9 @@ class Discretisation(DiscreteSpace):
                     "solves for motions. Impose displacements that hold every body without its contacts"
                 )
             problem = replace(problem, kernel=kernels().of(self.scene, problem, free))
+        return self._warned(problem)
+
+    def _warned(self, problem: ContactProblem) -> ContactProblem:
         warn_of_idle_parameters(self.scene, problem.amplitudes)
         return problem
 
@@ -264,6 +295,7 @@ class Discretisation(DiscreteSpace):
             vector=partial(self._load_vector, load),
             surface=self.surface,
             nodes=self.nodes,
+            points=self._points,
             eigenstress=partial(self._eigenstress, load),
         )
 

@@ -15,6 +15,8 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
+from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
@@ -58,6 +60,29 @@ def free_bodies(
             name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
             found.append(FreeBody(name, nodes, motions, left))
     return found
+
+
+def check_held(
+    scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, followers: Followers, imposed: np.ndarray
+) -> None:
+    """Raise NotSolvableError for bodies that displacements and constraints leave free, by ``imposed`` dofs, (N,)."""
+    part = components_of_nodes(len(points), cell_nodes)
+    columns = []
+    for number in np.unique(part[cell_nodes[:, 0]]):
+        nodes = np.flatnonzero(part == number)
+        motions = rigid_motions(points[nodes], scene.hypothesis)
+        found = np.zeros((len(motions), *points.shape))
+        found[:, nodes] = motions
+        columns.append(found.reshape(len(motions), -1).T)
+    every = np.hstack(columns)
+    rows = np.vstack([every[imposed], followers.broken(every), np.zeros((every.shape[1],) * 2)])
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    left = int((sizes <= ALMOST_NONE * np.sqrt(len(rows))).sum())
+    if left:
+        raise NotSolvableError(
+            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} rigid motions: impose "
+            "displacements that hold them. Bodies with constraints that contact alone holds are not built in"
+        )
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:

@@ -108,7 +108,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
     """Raise ReductionError for local rows of a basis, (own, ell), that moves imposed dofs or is not orthonormal."""
     rows = problem.spread
-    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.free))[1]
+    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.movable))[1]
     if imposed > ORTHONORMAL:
         raise ReductionError(
             f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, issparse
+from scipy.sparse import csr_matrix, diags, issparse, vstack
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -142,6 +142,8 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
     incidence = csr_matrix(
         (np.ones(nodes_of_cells.size), nodes_of_cells.ravel(), starts), shape=(len(nodes_of_cells), count)
     )
+    if problem.followers is not None:
+        incidence = csr_matrix(vstack([incidence, problem.followers.cells]))
     coo = problem.contact.tocoo()
     touching = np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)
     rows = csr_matrix(touching, shape=(coo.shape[0], count))
@@ -161,7 +163,7 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
             inside = inside & ~touched
         lost = wanted & ~inside
         if not lost.any():
-            return _index_sets(problem, cells, inside)
+            return _index_sets(problem, cells[: len(nodes_of_cells)], inside)
         wanted[slaves[rows @ lost > 0]] = True
 
 

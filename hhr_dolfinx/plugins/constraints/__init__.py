@@ -1,0 +1,10 @@
+"""Ties, couplings and equations: displacements that follow others."""
+
+from hhr_dolfinx.registry import Plugin
+
+_PLACES = {
+    "hhr_dolfinx.plugins.constraints.equations": "Equation MeanMotion Periodic RigidMotion",
+    "hhr_dolfinx.plugins.constraints.tie": "Tie",
+}
+
+PLUGIN = Plugin(name="constraints", public=_PLACES)

@@ -1,0 +1,66 @@
+"""Ties of surfaces whose meshes do not match, *TIE of decks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.constraints import Equations
+from hhr_dolfinx.loads import Assembler
+from hhr_dolfinx.pairings import Pairing
+from hhr_dolfinx.parameters import Tag, check_tag
+from hhr_dolfinx.plugins.constraints.equations import equations_of
+
+
+@dataclass(frozen=True)
+class Tie:
+    """The surface ``slave`` moves with the surface ``master``: each of its nodes follows a mean of those of the master.
+
+    The means are those of a pairing: with ``Mortar``, which is the default, a constant stress passes exactly (Wohlmuth
+    2000, see the plug-in ``mortar``); with ``NodeToSurface`` a node follows the point of the master in front of it.
+
+    Attributes:
+        slave: facet tag of the surface that follows, best the finer one.
+        master: facet tag of the other surface.
+        pairing: class of the pairing, called with slave and master; None for ``Mortar``.
+    """
+
+    slave: Tag
+    master: Tag
+    pairing: Any = None
+    amplitude: Amplitude = field(default=Amplitude(), init=False)
+
+    def __post_init__(self) -> None:
+        check_tag("tie", self.slave)
+        check_tag("tie", self.master)
+        if self.slave == self.master:
+            raise SceneError(f"the tie of {self.slave!r} needs two surfaces")
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not face."""
+        if self.pairing is None:
+            from hhr_dolfinx.plugins.mortar.pairing import Mortar as Default
+        pairing: Pairing = (self.pairing or Default)(self.slave, self.master)
+        surfaces = [assembler.surface(tag) for tag in pairing.tags]
+        rows = pairing.rows(surfaces, assembler.size)
+        dim = surfaces[0].points.shape[1]
+        count = rows.gap.size
+        normals = np.column_stack([
+            np.asarray(rows.matrix[np.arange(count), dim * rows.slaves + k]).ravel() for k in range(dim)
+        ])  # fmt: skip
+        if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
+            raise SceneError(f"{self!r}: its pairing has other rows than one of a node each: tie by NodeToSurface")
+        entries = rows.matrix.tocoo()
+        nodes, components = np.divmod(entries.col, dim)
+        weights = csr_matrix(
+            (entries.data * normals[entries.row, components], (entries.row, nodes)),
+            shape=(count, assembler.size // dim),
+        ).tocoo()
+        spread = [(weights.data, dim * weights.row + k, dim * weights.col + k) for k in range(dim)]
+        dependent = (dim * rows.slaves[:, None] + np.arange(dim)).ravel()
+        return equations_of(spread, dependent, assembler.size)

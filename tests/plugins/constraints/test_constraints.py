@@ -1,0 +1,209 @@
+"""Displacements that follow others: ties, couplings, equations and periodic surfaces, in all kinds of models."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from needs import needs
+from scenes import block_scene, space
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.geometries import block, two_blocks
+
+RIGHT = block.side(0, upper=True)
+LEFT = block.side(0, upper=False)
+TOP = block.side(1, upper=True)
+BOTTOM = block.side(1, upper=False)
+
+
+def pressed(constraints=(), displacements=None, loads=None, cells=(4, 4), **more):
+    """A unit square on a floor, held sideways, pressed from above by p."""
+    held = (hhr.Displacement(LEFT, 0),) if displacements is None else displacements
+    return block_scene(
+        "pressed",
+        {"p": (0.1, 1.0)},
+        upper=(1, 1),
+        cells=cells,
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 100.0, 0.3),),
+        contacts=(hhr.Obstacle(RIGHT, (1, 0), 1.001),),
+        displacements=(*held, hhr.Displacement(BOTTOM, 1)),
+        loads=(hhr.Pressure(TOP, "p"),) if loads is None else loads,
+        constraints=constraints,
+        **more,
+    )
+
+
+def models(scene, count=8):
+    """Full, condensed and hyper-reduced model."""
+    training = hhr.train(scene, hhr.Sobol(count), held_out=2)
+    return training.full_order, hhr.condense(training.full_order), training.build()
+
+
+def test_an_equation_without_effect_changes_nothing():
+    """The side moves by 0 at two nodes already: one follows the other; and answers with reactions agree."""
+    low, high = hhr.Nodes.near((0.0, 0.5)), hhr.Nodes.near((1.0, 0.5))
+    plain = hhr.FullOrderModel(pressed()).solve(0.8)
+    one = hhr.FullOrderModel(pressed((hhr.Equation(((high, 1, 1.0), (low, 1, -1.0))),))).solve(0.8)
+    assert one.displacement() == pytest.approx(plain.displacement(), abs=1e-13)
+    assert one.forces() == pytest.approx(plain.forces(), abs=1e-12)
+
+
+@pytest.mark.parametrize("p", [0.3, 1.0])
+def test_equations_are_kept_by_all_models(p):
+    """A lever: one corner of the lid goes twice as far down as the other, plus a given amount."""
+    one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    scene = pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), "0.002 * p"),))
+    found = []
+    for model in models(scene):
+        answer = model.solve(p)
+        u = answer.displacement().reshape(-1, 2)
+        models_points = hhr.FullOrderModel(scene).problem.points
+        place = [int(np.linalg.norm(models_points - corner, axis=1).argmin()) for corner in ((0, 1), (1, 1))]
+        assert u[place[0], 1] == pytest.approx(2 * u[place[1], 1] + 0.002 * p, abs=1e-12)
+        found.append((u, answer.forces()))
+    for u, forces in found[1:]:
+        assert u == pytest.approx(found[0][0], abs=1e-9)
+        assert forces == pytest.approx(found[0][1], abs=1e-8)
+
+
+def test_the_constrained_answer_is_the_least_of_the_energy():
+    """Against a penalty by hand: K + k c c^T, F + k g c, with k large, on the same mesh without contact."""
+    one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    constrained = hhr.FullOrderModel(pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), 0.002),)))
+    plain = hhr.FullOrderModel(pressed())
+    u = constrained.solve(0.1).displacement()
+    assert not constrained.solve(0.1).forces().any()
+    problem = plain.problem
+    place = [2 * int(np.linalg.norm(problem.points - corner, axis=1).argmin()) + 1 for corner in ((0, 1), (1, 1))]
+    free = np.flatnonzero(problem.free)
+    stiffness = problem.stiffness_terms[0].toarray()
+    row = np.zeros(problem.free.size)
+    row[place] = 1.0, -2.0
+    system = np.block([[stiffness[np.ix_(free, free)], row[free, None]], [row[None, free], np.zeros((1, 1))]])
+    load = problem.loads @ problem.amplitudes(np.array([0.1]))
+    exact = np.linalg.solve(system, np.append(load[free], 0.002))
+    assert u[free] == pytest.approx(exact[:-1], abs=1e-12)
+
+
+def test_a_rigid_lid_stays_straight_and_a_mean_is_met():
+    """A lid that is pressed on one half turns as a whole; its mean displacement may be given instead."""
+    half = hhr.Nodes(lambda x: np.isclose(x[1], 1) & (x[0] < 0.3))
+    rigid = pressed((hhr.RigidMotion(TOP),), loads=(hhr.NodalForce(half, (0.0, -0.4), "p"),))
+    for model in models(rigid):
+        lid = np.isclose(hhr.FullOrderModel(rigid).problem.points[:, 1], 1.0)
+        x, u = hhr.FullOrderModel(rigid).problem.points[lid, 0], model.solve(0.7).displacement().reshape(-1, 2)[lid]
+        slope = np.polyfit(x, u[:, 1], 1)
+        assert np.polyval(slope, x) == pytest.approx(u[:, 1], abs=1e-10) and slope[0] > 1e-4
+        assert u[:, 0] == pytest.approx(u[0, 0] + 0 * x, abs=1e-10)
+    mean = pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=())
+    for model in models(mean):
+        lid = np.isclose(hhr.FullOrderModel(mean).problem.points[:, 1], 1.0)
+        u = model.solve(0.7).displacement().reshape(-1, 2)[lid, 1]
+        x = hhr.FullOrderModel(mean).problem.points[lid, 0]
+        order = np.argsort(x)
+        assert np.trapezoid(u[order], x[order]) == pytest.approx(-0.007, abs=1e-9)
+
+
+def test_a_periodic_strip_is_one_of_many():
+    """Both sides of a strip move alike, so that a given stretch of the strip is the same everywhere."""
+    held = (hhr.Displacement(hhr.Nodes.near((0.0, 0.0)), 0),)
+    scene = pressed((hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)),), held, cells=(5, 3))
+    scene = replace(scene, contacts=(hhr.Obstacle(TOP, (0, 1), 5.0),))
+    full = hhr.FullOrderModel(scene)
+    u, points = full.solve(0.9).displacement().reshape(-1, 2), full.problem.points
+    # no strain along x: uniaxial strain by the oedometric modulus
+    modulus = 100.0 * 0.7 / (1.3 * 0.4)
+    assert u[:, 1] == pytest.approx(-0.9 / modulus * points[:, 1], abs=1e-12)
+    assert u[:, 0] == pytest.approx(0 * points[:, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("constraints", "why"),
+    [((hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))), "follows by another equation too"),
+     ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
+     ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
+     ((hhr.Equation(((hhr.Nodes.near((0.5, 1)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))),
+       hhr.Equation(((hhr.Nodes.near((0, 1)), 1, 1.0), (hhr.Nodes.near((0.5, 1)), 1, -1.0)))), "depend on each other")],
+)  # fmt: skip
+def test_equations_that_cannot_be_are_refused(constraints, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(pressed(constraints))
+
+
+def test_bodies_that_nothing_holds_are_named():
+    scene = pressed((hhr.Equation(((hhr.Nodes.near((1.0, 1.0)), 0, 1.0), (hhr.Nodes.near((0.0, 1.0)), 0, -1.0))),), ())
+    with pytest.raises(NotSolvableError, match="leave its bodies 1 rigid motions"):
+        hhr.FullOrderModel(scene)
+
+
+def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, **ways):
+    """Two blocks one above the other, tied on meshes that do not match, pressed down beside a wall."""
+    side, up = two_blocks.side, dim - 1
+    boxes = [([0.0] * dim, [1.0] * dim, (cells[0][0],) * up + cells[0][1:]),
+             ([0.0] * up + [1.0], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
+    held = [hhr.Displacement(side(body, k, upper=False), k) for body in (1, 2) for k in range(up)]
+    return hhr.Scene(
+        name="tied",
+        geometry=lambda comm: two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1]),
+        hypothesis="solid" if dim == 3 else "plane_strain",
+        bodies=bodies or tuple(hhr.Body(tag, young=100.0, poisson=0.3) for tag in (1, 2)),
+        contacts=(hhr.Obstacle(side(2, 0, upper=True), (1.0,) + (0.0,) * up, wall),),
+        displacements=(*held, hhr.Displacement(side(1, up, upper=False), up)),
+        loads=(hhr.Pressure(side(2, up, upper=True), "p"),),
+        parameters=space(**(box or {"p": (0.1, 1.0)})),
+        constraints=(hhr.Tie(side(2, up, upper=False), side(1, up, upper=True), **ways),),
+    )
+
+
+@needs("mortar")
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_constant_stress_passes_a_tie_exactly(dim):
+    """The patch test of mortar methods, with nodes of both surfaces on imposed planes."""
+    full = hhr.FullOrderModel(tied(dim))
+    stress = full.solve(0.8).stress()[:, dim - 1]
+    assert stress == pytest.approx(np.full(stress.size, -0.8), rel=1e-9)
+
+
+@needs("mortar", "moduli")
+def test_tied_bodies_in_all_models():
+    """With the modulus of one of them as a parameter, too."""
+    stiff = hhr.Body(1, young="E", poisson=0.3), hhr.Body(2, young=100.0, poisson=0.3)
+    for scene in (tied(wall=1.0005), tied(wall=1.0005, box={"p": (0.1, 1.0), "E": (50.0, 200.0)}, bodies=stiff)):
+        training = hhr.train(scene, hhr.Sobol(16), held_out=4)
+        full = training.full_order
+        for model in (training.condense(), training.build()):
+            for point in ([0.35, 80.0], [0.9, 160.0]):
+                point = point[: len(scene.parameters.names)]
+                exact, found = full.solve(point), model.solve(point)
+                size = np.abs(exact.displacement()).max()
+                assert exact.forces().max() > 0
+                assert found.displacement() == pytest.approx(exact.displacement(), abs=2e-4 * size)
+                assert found.forces() == pytest.approx(exact.forces(), abs=1e-3 * exact.forces().max())
+
+
+@needs("mortar", "friction")
+def test_a_tied_body_that_rubs():
+    """Increments of friction in full and condensed models agree."""
+    scene = tied(wall=1.0005)
+    rough = replace(scene, contacts=(replace(scene.contacts[0], friction=0.3),))
+    full = hhr.FullOrderModel(rough)
+    path = [(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0, 0.6))]
+    one, other = (model.march(path).answers[-1] for model in (full, hhr.condense(full)))
+    assert one.forces() == pytest.approx(other.forces(), abs=1e-9)
+    assert one.displacement() == pytest.approx(other.displacement(), abs=1e-10)
+
+
+@needs("mortar", "nonmatching")
+def test_a_tie_of_nodes_and_mistakes():
+    scene = tied(pairing=hhr.NodeToSurface)
+    u = hhr.FullOrderModel(scene).solve(1.0).displacement()
+    mean = hhr.FullOrderModel(tied()).solve(1.0).displacement()
+    assert u == pytest.approx(mean, abs=0.02 * np.abs(mean).max())
+    with pytest.raises(SceneError, match="needs two surfaces"):
+        hhr.Tie(3, 3)
+    with pytest.raises(SceneError, match="must be an integer or a name"):
+        hhr.Tie(None, 3)
+    with pytest.raises(SceneError, match="without shapes"):
+        replace(scene, bodies=(scene.bodies[0], hhr.Body(2, 100.0, 0.3, hhr.Plasticity(1.0))))
