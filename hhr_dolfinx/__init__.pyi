@@ -30,6 +30,11 @@ from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
 from .plugins.checks.mesh_error import MeshError as MeshError
 from .plugins.checks.mesh_error import mesh_error as mesh_error
+from .plugins.constraints.equations import Equation as Equation
+from .plugins.constraints.equations import MeanMotion as MeanMotion
+from .plugins.constraints.equations import Periodic as Periodic
+from .plugins.constraints.equations import RigidMotion as RigidMotion
+from .plugins.constraints.tie import Tie as Tie
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce

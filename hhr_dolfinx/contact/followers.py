@@ -9,33 +9,48 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
 
-def _keys(matrix: csr_matrix) -> np.ndarray:
-    """Numbers that grow along the entries of a matrix with sorted indices."""
-    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
-    return rows * matrix.shape[1] + matrix.indices
-
-
 @dataclass(frozen=True)
 class Followers:
     """Dofs that follow others: U = T V, where V is zero on them.
 
     Attributes:
-        map: T, (N, N), with zero columns at the followers.
         own: followers, (N,) bool.
+        map: T, (N, N), with zero columns at the followers; None if no dof follows.
         cells: nodes that act on each other through followers, (groups, nodes), non-zero where a node is in a group.
     """
 
-    map: csr_matrix
     own: np.ndarray
-    cells: csr_matrix
+    map: csr_matrix | None = None
+    cells: csr_matrix | None = None
+
+    @classmethod
+    def nobody(cls, size: int) -> Followers:
+        """Independent dofs, N of them."""
+        return cls(np.zeros(size, dtype=bool))
+
+    def moved(self, fields: np.ndarray) -> np.ndarray:
+        """T V of fields that are zero on the followers, (N, ...)."""
+        return fields if self.map is None else self.map @ fields
+
+    def forces(self, columns: csc_matrix) -> csc_matrix:
+        """T^T F of forces, (N, k)."""
+        return columns if self.map is None else csc_matrix(self.map.T @ columns)
+
+    def acting(self, rows: csr_matrix) -> csr_matrix:
+        """B T of rows, (m, N)."""
+        return rows if self.map is None else csr_matrix(rows @ self.map)
 
     def lifted(self, lifts: csc_matrix) -> csc_matrix:
         """Lifts, (N, 1 + T), with the followers of the dofs that these move."""
+        if self.map is None:
+            return lifts
         others = csc_matrix(diags((~self.own).astype(float)) @ lifts)
         return csc_matrix(lifts - others + self.map @ others)
 
     def of_stiffness(self, parts: Sequence[csr_matrix]) -> tuple[csr_matrix, ...]:
         """T^T K T of the parts of K, which keep one pattern: products of scipy have no zeros."""
+        if self.map is None:
+            return tuple(parts)
         known = parts[0]
         ones = csr_matrix((np.ones(known.nnz), known.indices, known.indptr), shape=known.shape)
         pattern = csr_matrix(abs(self.map).T @ (ones @ abs(self.map)))
@@ -51,4 +66,10 @@ class Followers:
 
     def broken(self, motions: np.ndarray) -> np.ndarray:
         """How far fields, (N, k), break the equations, (followers, k)."""
-        return motions[self.own] - (self.map @ np.where(self.own[:, None], 0.0, motions))[self.own]
+        return motions[self.own] - self.moved(np.where(self.own[:, None], 0.0, motions))[self.own]
+
+
+def _keys(matrix: csr_matrix) -> np.ndarray:
+    """Numbers of the entries of a matrix, which grow with its rows and sorted columns."""
+    rows = np.repeat(np.arange(matrix.shape[0], dtype=np.int64), np.diff(matrix.indptr))
+    return rows * matrix.shape[1] + matrix.indices

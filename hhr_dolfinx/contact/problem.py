@@ -379,6 +379,8 @@ class ContactProblem:
         ends[: self.rows.stop + 1] = 0
         ends[self.rows.start : self.rows.stop + 1] = own.indptr
         joined = csr_matrix((own.data, own.indices, ends), shape=(size, size))
+        if self.followers is not None:
+            joined = joined + self.followers.map
         count, label = connected_components(joined, directed=False)
         if self.group.size == 1:
             self.require_whole()

@@ -6,24 +6,24 @@ the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F. 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.loads import Assembler, Term
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.scene import Scene
 
 SINGULAR = 1e-10
 """Pivot of the equations over their largest coefficient below which they are dependent."""
+ROUND_OFF = 1e-14
+"""Part of the largest coefficient of a follower up to which a coefficient is round-off."""
 
 
 @dataclass(frozen=True)
@@ -50,46 +50,43 @@ class Constraint(Protocol):
         """Its equations on a mesh."""
 
 
-def followers_of(mesh: Discretisation, free: np.ndarray) -> tuple[Followers, list[Term]]:
+def followers_of(
+    scene: Scene, assembler: Callable[[object], Assembler], cell_nodes: np.ndarray, free: np.ndarray
+) -> tuple[Followers, list[Term]]:
     """Followers of the constraints of a scene, and lifts of their right-hand sides; ``free`` dofs are not imposed.
 
     Raises:
         SceneError: for equations that determine the same dof twice, or depend on each other.
     """
-    scene = mesh.scene
-    found = [(item, _without_imposed(item.equations(mesh.assembler(item)), free)) for item in scene.constraints]
-    rows = csc_matrix(vstack([part.rows for _, part in found]))
-    dependent = np.concatenate([part.dependent for _, part in found])
-    dim = mesh.mesh.geometry.dim
-    owner = [repr(item) for item, part in found for _ in part.dependent]
-    values, counts = np.unique(dependent, return_counts=True)
-    twice = np.flatnonzero(np.isin(dependent, values[counts > 1]))
-    if twice.size:
-        node, component = divmod(int(dependent[twice[0]]), dim)
-        raise SceneError(
-            f"{owner[twice[0]]} of scene '{scene.name}' determines component {component} at "
-            f"{mesh._points()[node].tolist()}, which follows by another equation too: leave one of them out there, or "
-            "let the equation determine another one"
-        )
-    inner = csc_matrix(rows[:, dependent])
-    scale = np.abs(rows).max(axis=1).toarray().ravel()
-    try:
-        factors = splu(csc_matrix(diags(1 / np.where(scale > 0, scale, 1.0)) @ inner))
-        regular = bool(np.abs(factors.U.diagonal()).min(initial=1.0) > SINGULAR)
-    except RuntimeError:  # singular in structure
-        regular = False
-    if not regular:
-        raise SceneError(f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply")
-    own = np.zeros(mesh.size, dtype=bool)
+    found = [_without_imposed(item.equations(assembler(item)), free) for item in scene.constraints]
+    rows = csr_matrix(vstack([part.rows for part in found]))
+    dependent = np.concatenate([part.dependent for part in found])
+    _check_once(scene, found, dependent)
+    scale = np.asarray(abs(rows).max(axis=1).toarray()).ravel()
+    rows = csc_matrix(diags(1 / np.where(scale > 0, scale, 1.0)) @ rows)
+    factors = _factored(scene, csc_matrix(rows[:, dependent]))
+    own = np.zeros(free.size, dtype=bool)
     own[dependent] = True
-    others = csc_matrix(diags(1 / scale) @ rows @ diags((~own).astype(float)))
+    others = csc_matrix(rows @ diags((~own).astype(float)))
     used = np.flatnonzero(np.diff(others.indptr))
     solved = -factors.solve(others[:, used].toarray())
-    solved[np.abs(solved) < 1e-14 * np.abs(solved).max(initial=0.0)] = 0.0
+    solved[np.abs(solved) <= ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
     entries = csr_matrix(solved).tocoo()
-    spread = csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(mesh.size,) * 2)
+    spread = csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(free.size,) * 2)
     whole = csr_matrix(spread + diags((~own).astype(float)))
-    return Followers(whole, own, _groups(mesh, spread, own)), list(_lifts(scene, found, factors, scale, dependent))
+    dim = free.size // len(np.unique(cell_nodes))
+    terms = []
+    first = 0
+    for item, part in zip(scene.constraints, found, strict=True):
+        amplitude = bound(item.amplitude, scene.parameters)
+        given = np.zeros(dependent.size)
+        place = slice(first, first + part.dependent.size)
+        given[place] = part.values / scale[place]
+        if amplitude != Amplitude():
+            column = factors.solve(given), (dependent, np.zeros_like(dependent))
+            terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
+        first = place.stop
+    return Followers(own, whole, _groups(cell_nodes, spread, own, dim)), terms
 
 
 def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
@@ -98,38 +95,43 @@ def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
     dependent = part.dependent.copy()
     kept = np.ones(dependent.size, dtype=bool)
     for row in np.flatnonzero(~free[dependent]):
-        columns = rows.indices[rows.indptr[row] : rows.indptr[row + 1]]
-        sizes = np.abs(rows.data[rows.indptr[row] : rows.indptr[row + 1]]) * free[columns]
+        span = slice(rows.indptr[row], rows.indptr[row + 1])
+        columns = rows.indices[span]
+        sizes = np.abs(rows.data[span]) * free[columns]
         sizes[np.isin(columns, dependent)] = 0.0
         kept[row] = sizes.max() > 0
         dependent[row] = columns[sizes.argmax()] if kept[row] else -1
     return Equations(rows[kept], dependent[kept], part.values[kept])
 
 
-def _lifts(
-    scene: Any, found: Sequence[tuple[Constraint, Equations]], factors: Any, scale: np.ndarray, dependent: np.ndarray
-) -> Iterator[Term]:
-    """Terms of right-hand sides on the followers."""
-    first = 0
-    for item, part in found:
-        count = len(part.dependent)
-        amplitude = bound(item.amplitude, scene.parameters)
-        if amplitude != Amplitude():
-            given = np.zeros(len(dependent))
-            given[first : first + count] = part.values / scale[first : first + count]
-            column = factors.solve(given)
-            shape = part.rows.shape[1], 1
-            yield Term(amplitude, csc_matrix((column, (dependent, np.zeros_like(dependent))), shape=shape))
-        first += count
+def _check_once(scene: Scene, found: list[Equations], dependent: np.ndarray) -> None:
+    """Raise SceneError if two equations determine one dof."""
+    values, counts = np.unique(dependent, return_counts=True)
+    if (counts > 1).any():
+        twice = values[counts > 1][0]
+        which = [repr(item) for item, part in zip(scene.constraints, found, strict=True) if twice in part.dependent]
+        raise SceneError(
+            f"dof {twice} of scene '{scene.name}' follows by several equations, of {' and '.join(which)}: leave one of "
+            "them out, or let it determine another dof by writing that first"
+        )
 
 
-def _groups(mesh: Discretisation, spread: csr_matrix, own: np.ndarray) -> csr_matrix:
+def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
+    """Factors of the equations between followers; SceneError if they depend on each other."""
+    try:
+        factors = splu(matrix)
+        if np.abs(factors.U.diagonal()).min(initial=1.0) > SINGULAR:
+            return factors
+    except RuntimeError:  # singular in structure
+        pass
+    raise SceneError(f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply")
+
+
+def _groups(cell_nodes: np.ndarray, spread: csr_matrix, own: np.ndarray, dim: int) -> csr_matrix:
     """Nodes of each cell with followers, and the nodes that these follow, (groups, nodes)."""
-    dim = mesh.mesh.geometry.dim
     count = own.size // dim
-    cells = mesh._cell_nodes()
-    touched = cells[own.reshape(-1, dim).any(axis=1)[cells].any(axis=1)]
-    starts = np.arange(0, touched.size + 1, cells.shape[1])
+    touched = cell_nodes[own.reshape(-1, dim).any(axis=1)[cell_nodes].any(axis=1)]
+    starts = np.arange(0, touched.size + 1, cell_nodes.shape[1])
     inside = csr_matrix((np.ones(touched.size), touched.ravel(), starts), shape=(len(touched), count))
     entries = spread.tocoo()
     follows = csr_matrix((np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count))

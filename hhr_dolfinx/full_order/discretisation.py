@@ -21,6 +21,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
+from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
@@ -37,7 +38,6 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.followers import Followers
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.loads import Load
 
@@ -111,55 +111,33 @@ class Discretisation(DiscreteSpace):
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
         imposed, free = self._displacements()
-        followers = None
-        if scene.constraints:
-            followers, following = self._constrained(free)
-            imposed, free = [*imposed, *following], free & ~followers.own
+        follow, following = self._constrained(free)
+        imposed += following
+        free = free & ~follow.own
         terms = self.load_terms()
         straight, curved = parted(imposed)
         given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved)
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
-        forces = placed(terms, first_load(scene), shape)
+        forces = follow.forces(placed(terms, first_load(scene), shape))
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
-        if followers is not None:
-            lifts = followers.lifted(lifts)
-        elif moduli:
+        lifts = follow.lifted(lifts)
+        if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
-        rows, pairs = self.contact_rows()
-        gaps = -(rows.matrix @ lifts).toarray()
-        gaps[:, 0] += rows.gap
-        for k, item in enumerate(scene.openings, start=1 + len(straight)):
-            gaps[pairs == item.contact, k] += 1.0
-        acting = rows if followers is None else replace(rows, matrix=csr_matrix(rows.matrix @ followers.map))
-        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
-        rows = rows.take(kept)
-        pairs = pairs[kept]
-        gaps = gaps[kept]
-        law: ContactLaw = UNILATERAL
-        if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
-            movable = free if followers is None else free | followers.own
-            rows, pairs, law = self._with_laws(laws, rows, pairs, movable, lifts)
-            gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
+        rows, pairs, gaps, law = self._conditions(lifts, free, follow, amplitudes, 1 + len(straight))
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
-        acting_rows = rows.matrix
-        if followers is not None:
-            pulled = [followers.map.T @ term for term in pulled]
-            forces = csc_matrix(followers.map.T @ forces)
-            stiffness = followers.of_stiffness(stiffness)
-            acting_rows = csr_matrix(rows.matrix @ followers.map)
-        lifted = [masked(csc_matrix(self.group.stacked(part)), free) for part in pulled]
+        lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
-            stiffness_terms=stiffness,
+            stiffness_terms=follow.of_stiffness(stiffness),
             moduli=moduli,
             lift_terms=tuple(lifted) if moduli else (),
             node_mass=self._node_mass(),
             free=free,
             loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
             lifts=lifts,
-            contact=_without_columns(acting_rows, ~free),
+            contact=_without_columns(follow.acting(rows.matrix), ~free),
             gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
@@ -173,16 +151,39 @@ class Discretisation(DiscreteSpace):
             whole_contact=rows.matrix,
             law=law,
             group=self.group,
-            followers=followers,
+            followers=follow if scene.constraints else None,
         )
+
+    def _conditions(
+        self, lifts: csc_matrix, free: np.ndarray, follow: Followers, amplitudes: Amplitudes, first_opening: int
+    ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw]:
+        """Rows, pairs, gaps and law of the conditions with unknowns; ``first_opening`` is that of openings in θ."""
+        scene = self.scene
+        rows, pairs = self.contact_rows()
+        gaps = -(rows.matrix @ lifts).toarray()
+        gaps[:, 0] += rows.gap
+        for k, item in enumerate(scene.openings, start=first_opening):
+            gaps[pairs == item.contact, k] += 1.0
+        acting = replace(rows, matrix=follow.acting(rows.matrix))
+        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
+        rows = rows.take(kept)
+        pairs = pairs[kept]
+        gaps = gaps[kept]
+        law: ContactLaw = UNILATERAL
+        if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
+            rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)
+            gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
+        return rows, pairs, gaps, law
 
     def _constrained(self, free: np.ndarray) -> tuple[Followers, list[Term]]:
         """Followers of the constraints, and lifts of their values; NotOfferedError on several ranks."""
-        from hhr_dolfinx.full_order.constraints import followers_of
-
+        if not self.scene.constraints:
+            return Followers.nobody(self.size), []
         if self.group.size > 1:
             raise NotOfferedError(f"constraints, of scene '{self.scene.name}', are built in for one rank")
-        return followers_of(self, free)
+        from hhr_dolfinx.full_order.constraints import followers_of
+
+        return followers_of(self.scene, self.assembler, self._cell_nodes(), free)
 
     def _node_mass(self) -> csr_matrix:
         """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""

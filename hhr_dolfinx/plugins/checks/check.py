@@ -11,9 +11,10 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies
+from hhr_dolfinx.full_order.free_bodies import check_held, described, free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
@@ -211,6 +212,15 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
+    if problem.followers is not None:  # a body may be held by another one
+        where = problem.points, problem.cell_nodes, problem.followers, ~problem.movable
+        try:
+            check_held(found.scene, *where)
+        except NotSolvableError as error:
+            found.say(str(error), MISTAKE)
+        else:
+            found.say("displacements and constraints hold every body")
+        return
     owner = found.meshed.cell_bodies()
     free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, problem.free)
     for body in free:

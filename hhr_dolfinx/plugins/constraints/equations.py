@@ -59,7 +59,9 @@ class Equation:
         for place, component, coefficient in terms:
             check_place("term of an equation", place)
             if not is_whole(component, 0) or not is_number(coefficient) or coefficient == 0:
-                raise SceneError(f"{(place, component, coefficient)} of an equation needs a component and a coefficient")
+                raise SceneError(
+                    f"{(place, component, coefficient)} of an equation needs a component and a coefficient"
+                )
         object.__setattr__(self, "terms", terms)
         check_amplitude(self, "an equation", formulas=True)
 
@@ -152,7 +154,8 @@ class RigidMotion:
         # dofs that the motions follow from are the best of all; the others follow these
         _, triangle, order = qr(motions, mode="economic", pivoting=True)
         rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
-        leading, rest = order[:rank], order[rank:]
+        leading = order[:rank]
+        rest = order[rank:]
         follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
         dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
         count = rest.size
@@ -190,9 +193,9 @@ class Periodic:
     def turn(self, dim: int) -> np.ndarray:
         """Rotation by the angle, (dim, dim)."""
         found = np.eye(dim)
-        one, other = ((0, 1) if dim == 2 else ((1, 2), (2, 0), (0, 1))[self.axis])
+        one, other = (0, 1) if dim == 2 else ((1, 2), (2, 0), (0, 1))[self.axis]
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        found[[one, one, other, other], [one, other, one, other]] = cosine, -sine, sine, cosine
+        found[np.ix_([one, other], [one, other])] = [[cosine, -sine], [sine, cosine]]
         return found
 
     def equations(self, assembler: Assembler) -> Equations:
@@ -213,7 +216,8 @@ class Periodic:
                 "and shifted: mesh both surfaces alike, or tie them"
             )
         kept = own != others[which]  # on the axis
-        own, which = own[kept], which[kept]
+        own = own[kept]
+        which = which[kept]
         count = own.size * dim
         dofs = (dim * own[:, None] + np.arange(dim)).ravel()
         entries: list[Any] = [(np.ones(count), np.arange(count), dofs)]

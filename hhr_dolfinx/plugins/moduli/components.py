@@ -225,8 +225,11 @@ class Solver:
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
         if not self.serves_all:
+            follow = problem.followers
+            given = columns if follow is None else follow.forces(columns)
             with self._factors.of(problem.own_stiffness) as factors:
-                return factors.solve_columns(columns)
+                found = factors.solve_columns(given)
+            return found if follow is None else follow.moved(found)
         dofs = self.component.dofs
         scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))

@@ -121,7 +121,7 @@ def test_a_periodic_strip_is_one_of_many():
 
 @pytest.mark.parametrize(
     ("constraints", "why"),
-    [((hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))), "follows by another equation too"),
+    [((hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))), "follows by several equations"),
      ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
      ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
      ((hhr.Equation(((hhr.Nodes.near((0.5, 1)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))),
