@@ -193,9 +193,11 @@ class Scene:
         if self.system is not None and (not callable(self.system) or self.shapes or self.reader):
             raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_shapes()
-        if self.constraints and (self.shapes or self.system is not None or self.reader):
+        springs = any(hasattr(load, "stiffness") for load in self.loads)
+        if (self.constraints or springs) and (self.shapes or self.system is not None or self.reader):
             raise SceneError(
-                f"scene '{self.name}' has constraints, which are built in for elastic bodies without shapes and systems"
+                f"scene '{self.name}' has constraints or springs, which are built in for elastic bodies without shapes "
+                "and systems"
             )
         if self.reader:
             laws_of_scenes(self.reader).check_scene(self)

@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, diags
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import registry
@@ -65,11 +65,27 @@ class Discretisation(DiscreteSpace):
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
+        springs = self.springs()
         if not any(body.varies or body.grading is not None for body in self.scene.bodies):
-            return (self.own_rows(self.assemble_stiffness()),), ()
-        from hhr_dolfinx.full_order.varying import stiffness_terms
+            stiffness = self.own_rows(self.assemble_stiffness())
+            return ((stiffness if springs is None else csr_matrix(stiffness + diags(springs))),), ()
+        from hhr_dolfinx.full_order.varying import stiffness_terms, with_springs
 
-        return stiffness_terms(self)
+        found = stiffness_terms(self)
+        return found if springs is None else with_springs(self.scene.parameters.names, springs, *found)
+
+    def springs(self) -> np.ndarray | None:
+        """Stiffness to ground of each dof, (N,), by loads that resist; None without.
+
+        Raises:
+            NotOfferedError: on several ranks.
+        """
+        resisting = [load for load in self.scene.loads if hasattr(load, "stiffness")]
+        if not resisting:
+            return None
+        if self.group.size > 1:
+            raise NotOfferedError(f"springs, of scene '{self.scene.name}', are built in for one rank")
+        return np.sum([load.stiffness(self.assembler(load)) for load in resisting], axis=0)
 
     def assemble_stiffness(self) -> PETSc.Mat:
         """Assemble K over all dofs, without boundary conditions."""
@@ -221,7 +237,9 @@ class Discretisation(DiscreteSpace):
         if problem.followers is not None:
             check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~problem.movable)
             return self._warned(problem)
-        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
+        springs = self.springs()
+        loose = problem.free if springs is None else problem.free & (springs == 0)
+        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose)
         if free:
             if "kernel" not in registry.named("tools"):
                 raise NotSolvableError(

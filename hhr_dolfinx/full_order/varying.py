@@ -48,6 +48,19 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
     return pattern.filled(matrices), tuple(modulus for modulus, _ in groups) if varies else ()
 
 
+def with_springs(
+    names: tuple[str, ...], springs: np.ndarray, terms: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...]
+) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,)."""
+    known = terms[0]
+    rows = np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
+    data = np.where(known.indices == rows, springs[rows], 0.0)
+    if not moduli:
+        return (csr_matrix((known.data + data, known.indices, known.indptr), shape=known.shape),), ()
+    grounded = csr_matrix((data, known.indices, known.indptr), shape=known.shape)
+    return (*terms, grounded), (*moduli, Modulus("1", "1", names))
+
+
 class CommonPattern:
     """Union of the entries of several matrices of one mesh, (own, N), with stored zeros; sums are then sums of data."""
 

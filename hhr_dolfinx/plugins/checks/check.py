@@ -222,7 +222,9 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
             found.say("displacements and constraints hold every body")
         return
     owner = found.meshed.cell_bodies()
-    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, problem.free)
+    springs = found.meshed.springs()
+    loose = problem.free if springs is None else problem.free & (springs == 0)
+    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose)
     for body in free:
         found.note(
             f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "

@@ -62,6 +62,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
         "a contact has a law with a limit": any(_in_deck(law).limited(law) for law in scene.laws if law is not None),
         "displacements follow others by constraints": bool(scene.constraints),
+        "springs hold bodies": any(hasattr(load, "stiffness") for load in scene.loads),
         "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
     }
     for fault, there in faults.items():

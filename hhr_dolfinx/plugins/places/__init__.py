@@ -1,4 +1,4 @@
-"""Nodes chosen by their places, and forces at nodes."""
+"""Nodes chosen by their places, forces at nodes, and springs."""
 
 from hhr_dolfinx.registry import Plugin
 
@@ -6,6 +6,6 @@ _PLACES = "hhr_dolfinx.plugins.places.places"
 
 PLUGIN = Plugin(
     name="places",
-    public={_PLACES: "NodalForce Nodes"},
-    parts={"loads": {"NodalForce": f"{_PLACES}:NodalForce"}},
+    public={_PLACES: "NodalForce Nodes Springs"},
+    parts={"loads": {name: f"{_PLACES}:{name}" for name in ("NodalForce", "Springs")}},
 )

@@ -16,7 +16,7 @@ from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
-from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number
+from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, check_tag, is_number, is_whole
 
 
 @dataclass(frozen=True)
@@ -105,3 +105,46 @@ class NodalForce:
         values = np.broadcast_to(self.vector, dofs.shape).ravel()
         columns = csc_matrix((values, (dofs.ravel(), np.zeros(dofs.size, dtype=int))), shape=(assembler.size, 1))
         return [Term(self.amplitude, columns)]
+
+
+@dataclass(frozen=True)
+class Springs:
+    """A spring to ground at each node, or a bedding per area: forces -k (u - amplitude) along a component.
+
+    Attributes:
+        place: the name of a set of nodes in the file of the mesh, a tag of facets, or :class:`Nodes`.
+        component: 0, 1 or 2.
+        modulus: k > 0 of each node, in force per length; of ``bedding`` per area.
+        amplitude: displacement of the ground: a number, an Amplitude, or a formula of the parameters as text.
+        bedding: whether k is one per area of the tagged facets, shared out among their nodes.
+    """
+
+    place: Tag | Place
+    component: int
+    modulus: float
+    amplitude: Amplitude | Formula = Amplitude()
+    bedding: bool = False
+
+    def __post_init__(self) -> None:
+        check_place("spring", self.place)
+        if not is_whole(self.component, 0) or not is_number(self.modulus) or not self.modulus > 0:
+            raise SceneError(f"{self!r} needs a component, 0, 1 or 2, and a positive modulus")
+        check_amplitude(self, f"the spring at {self.place!r}", formulas=True)
+
+    def stiffness(self, assembler: Assembler) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.loads.Load`."""
+        (dim,) = assembler.test.ufl_shape
+        if self.component >= dim:
+            raise SceneError(f"component {self.component} of {self!r} does not exist in {dim} dimensions")
+        found = np.zeros(assembler.size)
+        if self.bedding:
+            check_tag("bedding", self.place)
+            surface = assembler.surface(self.place)  # type: ignore[arg-type]
+            found[dim * surface.nodes + self.component] = self.modulus * surface.areas
+        else:
+            found[dim * assembler.nodes(self.place) + self.component] = self.modulus
+        return found
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """Forces of the ground that moves."""
+        return [Term(self.amplitude, csc_matrix(self.stiffness(assembler)[:, None]))]

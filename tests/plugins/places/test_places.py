@@ -101,9 +101,45 @@ def test_forces_at_nodes_are_those_of_a_pressure(hypothesis):
     assert forced.solve(1.0).displacement() == pytest.approx(pressed.solve(1.0).displacement(), abs=1e-12)
 
 
+@pytest.mark.parametrize("varies", [False, True])
+def test_a_block_on_springs(varies):
+    """Pressed from above: each half sinks by p over the bedding plus its own compression, in all models."""
+    modulus = 100.0 / (1 - 0.3**2)
+    held = hhr.Displacement(block.side(0, upper=False), 0)
+    bedding = hhr.Springs(block.side(1, upper=False), 1, 50.0, "0.01 * lift" if varies else 0.0, bedding=True)
+    scene = replace(pulled(hhr.Pressure(block.side(1, upper=True), "p"), "plane_strain"), displacements=(held,))
+    if varies:
+        box = hhr.ParameterSpace(("p", "lift", "E"), (0.0, 0.0, 50.0), (1.0, 1.0, 200.0))
+        scene = replace(scene, parameters=box, bodies=(replace(scene.bodies[0], young="E"),))
+    far = hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0)
+    scene = replace(scene, loads=(*scene.loads, bedding), contacts=(far,))
+    full = hhr.FullOrderModel(scene)
+    at = [0.7, 0.5, 100.0] if varies else 0.7
+    u, points = full.solve(at).displacement().reshape(-1, 2), full.problem.points
+    lift = 0.005 if varies else 0.0
+    assert u[:, 1] == pytest.approx(lift - 0.7 / 50.0 - 0.7 / modulus * points[:, 1], abs=1e-10)
+
+
+def test_a_spring_that_touches_shares_its_force():
+    """A bar between a spring and an obstacle: forces of both are the load, in reduced models too."""
+    springs = hhr.Springs(block.side(1, upper=False), 1, 20.0, bedding=True)
+    scene = replace(
+        pulled(hhr.Pressure(block.side(1, upper=True), "p")),
+        displacements=tuple(hhr.Displacement(block.side(0, upper=upper), 0) for upper in (False, True)),
+        contacts=(hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.01),),
+        outputs=(hhr.ContactForce("floor", contact=0, direction=(0.0, 1.0)),),
+    )
+    scene = replace(scene, loads=(*scene.loads, springs))
+    training = hhr.train(scene, hhr.Sobol(8), held_out=2)
+    for model in (training.full_order, hhr.condense(training.full_order), training.build()):
+        assert model.solve(0.15).outputs()["floor"] == pytest.approx(0.0, abs=1e-12)
+        assert model.solve(0.9).outputs()["floor"] == pytest.approx(0.9 - 20.0 * 0.01, rel=1e-8)
+
+
 @pytest.mark.parametrize(
     ("make", "why"),
-    [(lambda: hhr.Nodes((0.0, 0.0)), r"Nodes.near\(\(x, y, z\)\)"),
+    [(lambda: hhr.Springs(1, 1, -2.0), "positive modulus"),
+     (lambda: hhr.Nodes((0.0, 0.0)), r"Nodes.near\(\(x, y, z\)\)"),
      (lambda: hhr.Nodes.near((0.0, np.nan)), "finite coordinates"),
      (lambda: hhr.NodalForce(1.5, (0.0, 1.0)), "must be an integer or a name"),
      (lambda: hhr.NodalForce(1, (0.0, 0.0)), "finite and not zero"),
