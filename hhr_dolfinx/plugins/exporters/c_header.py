@@ -188,6 +188,7 @@ class _Data:
         functions = ", ".join(self._function(steps) for steps in group["constants"])
         self.parts.append(f"static double (*const model_constants{number}[])(const double *) = {{{functions}}};")
         fields: dict[str, Any] = {"constants": f"model_constants{number}", "constants_count": len(group["constants"])}
+        fields |= {key: self._put(group[key]) for key in ("elastic", "compliance")}
         fields |= {"points": group["points"], "law": "0"}
         if group["law"] is not None:
             self.parts.append(f"static const model_program model_program{number} = {self._program(group['law'])};")
@@ -253,7 +254,6 @@ class _Data:
             modes, size = self.arrays[flow["per_mode"]].shape
             points = self.arrays[flow["parts"]].size
             sizes |= {"MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(flow["groups"])}
-            sizes["DIAGONAL"] = flow["diagonal"]
             sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
             laws = [group["law"] for group in flow["groups"] if group["law"]]
             sizes |= {

@@ -36,6 +36,7 @@ typedef struct {
     model_place *place;
     double *tested, *scale, *coupled, *constants, *slopes, *slack, *strain, *elastic, *sizes; /* of an increment */
     double *jacobian, *inner, *columns, *under, *flowing, gives[MODEL_SHARES], weight, dt;
+    double compliances[MODEL_BODIES][MODEL_COMPONENTS * MODEL_COMPONENTS]; /* C^-1 of each body */
     double seconds; /* of an increment, or of the first load */
     int *order, *on, *places, tangent, known, begun, parts; /* the last: increments within the seconds */
 } model_path;
@@ -56,14 +57,15 @@ static inline double model_norm(const double *values, int count) {
 
 /* Weights times the stress of each mode. */
 static inline void model_set_tested(model_path *p) {
-    const int n = MODEL_POINTS;
-    for (int j = 0; j < MODEL_MODES; j++)
-        for (int k = 0; k < n; k++) {
-            const double *own = model_per_mode + (size_t)j * MODEL_SIZE + k;
-            const double pressed = model_weights[k] * (own[0] + own[n] + own[2 * n]);
-            for (int i = 0; i < MODEL_COMPONENTS; i++)
-                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[n + k] * own[i * n] + (i < MODEL_DIAGONAL ? pressed : 0);
-        }
+    const int n = MODEL_POINTS, c = MODEL_COMPONENTS;
+    for (int g = 0, k = 0; g < MODEL_BODIES; g++)
+        for (int last = k + model_bodies[g].points; k < last; k++)
+            for (int row = 0; row < MODEL_MODES * c; row++) {
+                const double *own = model_per_mode + (size_t)(row / c) * MODEL_SIZE + k, *elastic = model_bodies[g].elastic + row % c * c;
+                double stress = 0;
+                for (int l = 0; l < c; l++) stress += elastic[l] * own[l * n];
+                p->tested[(size_t)row * n + k] = model_weights[k] * stress;
+            }
     p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
 }
 
@@ -116,6 +118,8 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
                 if (i != j) schur[j * m + i] += p->gives[q] * *half;
             }
     for (int k = 0; k < MODEL_POINTS; k++) p->scale[k] = p->gives[model_share_of[k]];
+    for (int g = 0, k = 0; g < MODEL_BODIES; k += model_bodies[g++].points) /* all its points are on parts of one modulus */
+        for (int i = 0; i < MODEL_COMPONENTS * MODEL_COMPONENTS; i++) p->compliances[g][i] = p->scale[k] * model_bodies[g].compliance[i];
     for (int j = 0; j < MODEL_MODES; j++)
         for (int i = 0; i < m; i++) p->coupled[j * m + i] = model_coupled[j * m + i] * p->gives[model_mode_share[j]];
     return 1;
@@ -182,14 +186,14 @@ static inline int model_set_memory(model_path *p, const model_state *before, mod
     for (int g = 0; g < MODEL_BODIES; g++)
         for (int last = k + model_bodies[g].points; k < last; k++) {
             const model_program *law = model_bodies[g].law;
-            const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS;
+            const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS, *compliance = p->compliances[g];
             if (!law) continue;
             for (int i = 0; i < c; i++) strain[i] = out->strain[i * n + k];
             for (int i = 0; i < law->memory; i++) old[i] = before->memory[i * n + k];
-            if (!model_solve_law(law, p->place, strain, old, p->dt, constants)) return 0;
+            if (!model_solve_law(law, p->place, strain, old, p->dt, constants, compliance)) return 0;
             if (!count)
                 for (int i = 0; i < law->memory; i++) out->memory[i * n + k] = p->place->memory[i];
-            else if (model_set_slopes(law, p->place, constants, p->slopes + (size_t)*count * c))
+            else if (model_set_slopes(law, p->place, compliance, p->slopes + (size_t)*count * c))
                 for (int i = 0; i < c; i++) p->places[(*count)++] = i * n + k;
         }
     return 1;

@@ -81,6 +81,7 @@ typedef struct { /* a law of bodies as a program: rows of an operation, its resu
 typedef struct {
     double (*const *constants)(const double *); /* E, the ratio of Poisson, and those of its law */
     const double *places;                       /* of its points, if constants vary in space */
+    const double *elastic, *compliance;         /* C and C^-1 in the middle of the box */
     const model_program *law;                   /* NULL for an elastic body */
     int points, constants_count, coordinates;
 } model_body;
@@ -312,6 +313,7 @@ static inline int model_factored(double *a, int n, int *pivots, double *x) {
 /* Part of an output that reads displacements: of corrections, of imposed ones, and by part of forces and loads. */
 static inline double model_displaced(const model_work *w, const model_output *item) {
     double value = 0;
+    if (!item->modes) return 0;
     for (int j = 0; j < MODEL_MODES; j++) value += item->modes[j] * w->correction[j];
     for (int t = 0; t < MODEL_TERMS; t++) value += item->given[t] * w->theta[t];
     for (int q = 0; q < MODEL_SHARES; q++) {
@@ -335,7 +337,7 @@ static inline void model_read(const model_work *w, double *outputs) {
             for (int j = 0; j < MODEL_MOTIONS && item->motions; j++) value += item->motions[j] * w->motions[j];
 #endif
 #if MODEL_FLOWS
-            if (item->modes) value += model_displaced(w, item);
+            value += model_displaced(w, item);
 #endif
             outputs[k] = value;
             continue;

@@ -4,6 +4,7 @@
 #define MODEL_SHARED (1.0 / 4096) /* least part of a Newton step that the line search tries */
 #define MODEL_SOLVED 1e-9 /* a point is solved by a Newton step below this part of its unknowns */
 #define MODEL_NOISE 1e-14 /* round-off of a strain, as its part */
+#define MODEL_STILL 1e-12 /* a point does not flow if no slope of its inelastic strain is larger */
 enum { MODEL_TRIAL, MODEL_STARTED, MODEL_RESIDUAL, MODEL_AFTER, MODEL_SLOPES, MODEL_IDLE, MODEL_IDLE_SLOPES };
 
 /* Results at a point, and work arrays. */
@@ -130,12 +131,12 @@ static inline int model_newton(const model_program *law, model_place *p) {
 }
 
 /* Inelastic strain, the total one less that of the stress; where nothing flowed it is as before, to the last bit. */
-static inline void model_set_inelastic(model_place *p, const double *strain, const double *old, const double *constants) {
-    const double mean = p->stress[0] + p->stress[1] + p->stress[2];
+static inline void model_set_inelastic(model_place *p, const double *strain, const double *old, const double *compliance) {
     double size = 0, change = 0;
     for (int i = 0; i < MODEL_COMPONENTS; i++) {
-        const double pressed = i < MODEL_DIAGONAL ? constants[1] * mean : 0;
-        p->memory[i] = strain[i] - ((1 + constants[1]) * p->stress[i] - pressed) / constants[0];
+        double found = strain[i];
+        for (int j = 0; j < MODEL_COMPONENTS; j++) found -= compliance[i * MODEL_COMPONENTS + j] * p->stress[j];
+        p->memory[i] = found;
         size = fmax(size, fmax(fabs(strain[i]), fabs(old[i])));
         change = fmax(change, fabs(p->memory[i] - old[i]));
     }
@@ -143,9 +144,9 @@ static inline void model_set_inelastic(model_place *p, const double *strain, con
         memcpy(p->memory, old, MODEL_COMPONENTS * sizeof(double));
 }
 
-/* Stress and memory of a law at the end of a step; 0 without an answer. */
+/* Stress and memory of a law at the end of a step, for C^-1; 0 without an answer. */
 static inline int model_solve_law(const model_program *law, model_place *p, const double *strain, const double *old, double dt,
-                                  const double *constants) {
+                                  const double *constants, const double *compliance) {
     const int c = MODEL_COMPONENTS, n = law->unknowns, first = c + n + law->memory + 1;
     memcpy(p->work, strain, c * sizeof(double));
     memcpy(p->work + c + n, old, law->memory * sizeof(double));
@@ -169,12 +170,12 @@ static inline int model_solve_law(const model_program *law, model_place *p, cons
         p->memory[i] = model_out(law, part, i, p->work);
         if (!isfinite(p->memory[i])) return 0;
     }
-    model_set_inelastic(p, strain, old, constants);
+    model_set_inelastic(p, strain, old, compliance);
     return !law->limited || (n && !p->solved) || model_out(law, part, law->memory, p->work) >= 0;
 }
 
-/* Slopes 1 - C^-1 H of the inelastic strain at the point solved last; 1 if any is not zero. */
-static inline int model_set_slopes(const model_program *law, model_place *p, const double *constants, double *slopes) {
+/* Slopes 1 - C^-1 H of the inelastic strain at the point solved last; 1 if the point flows. */
+static inline int model_set_slopes(const model_program *law, model_place *p, const double *compliance, double *slopes) {
     const int c = MODEL_COMPONENTS, n = law->unknowns, part = p->solved ? MODEL_SLOPES : MODEL_IDLE_SLOPES;
     double column[MODEL_UNKNOWNS];
     int any = 0;
@@ -185,15 +186,12 @@ static inline int model_set_slopes(const model_program *law, model_place *p, con
         for (int i = 0; i < c; i++)
             for (int a = 0; a < n; a++) p->tangent[i * c + j] -= model_out(law, part, c * c + i * n + a, p->work) * column[a];
     }
-    for (int j = 0; j < c; j++) {
-        const double mean = p->tangent[j] + p->tangent[c + j] + p->tangent[2 * c + j];
-        for (int i = 0; i < c; i++) {
-            slopes[i * c + j] = 0;
-            if (i < 3 && i >= MODEL_DIAGONAL) continue;
-            const double pressed = i < 3 ? constants[1] * mean : 0;
-            slopes[i * c + j] = (i == j) - ((1 + constants[1]) * p->tangent[i * c + j] - pressed) / constants[0];
-            any = any || slopes[i * c + j] != 0;
+    for (int i = 0; i < c; i++)
+        for (int j = 0; j < c; j++) {
+            double slope = i == j;
+            for (int l = 0; l < c; l++) slope -= compliance[i * c + l] * p->tangent[l * c + j];
+            slopes[i * c + j] = slope;
+            any = any || !(fabs(slope) <= MODEL_STILL);
         }
-    }
     return any;
 }

@@ -484,7 +484,7 @@ class _FieldModes:
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         material = equilibrium.material.moduli_at(problem.middle)
-        bodies = np.array([group.elasticity(material.components) for group in material.groups])
+        bodies = np.array([group.elasticity(material.components)[0] for group in material.groups])
         kinds = np.empty(material.gauss_points, dtype=np.int64)
         for number, group in enumerate(material.groups):
             kinds[group.indices] = number

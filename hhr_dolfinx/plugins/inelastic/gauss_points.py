@@ -80,7 +80,7 @@ def stiffness_parts(
         for group in material.groups:
             if group.young == text or (text is None and not isinstance(group.young, str)):
                 young = 1.0 if text is not None else float(group.young)
-                elastic[group.indices] = replace(group, young=young).elasticity(material.components)
+                elastic[group.indices] = replace(group, young=young).elasticity(material.components)[0]
                 acting = True
         if acting:
             parts.append(operator.stiffness(elastic, pattern))

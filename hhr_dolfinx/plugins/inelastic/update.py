@@ -47,17 +47,17 @@ class Group:
         if self.coordinates and self.places.shape != (self.indices.size, len(self.coordinates)):
             yield f"places of the shape {self.places.shape} are not one for each of {self.indices.size} points"
 
-    def elasticity(self, components: int) -> np.ndarray:
-        """C, (c, c), for which E must be a number."""
+    def elasticity(self, components: int) -> tuple[np.ndarray, np.ndarray]:
+        """C and C^-1, (c, c) each, for which E must be a number."""
         if self.law is not None and self.law.strains == components:  # else a fault, which a file is refused for
-            return self.law.elasticity(_number(self), self.poisson)[0]
-        return hooke(_number(self), self.poisson, components)[0]
+            return self.law.elasticity(_number(self), self.poisson)
+        return hooke(_number(self), self.poisson, components)
 
     def given(self, components: int) -> Given:
         """Constants and elasticity, which must be numbers."""
         if self.law is not None:
             return self.law.given(_number(self), self.poisson)
-        return Given(np.zeros((0, 1)), *hooke(_number(self), self.poisson, components))
+        return Given(np.zeros((0, 1)), *self.elasticity(components))
 
 
 class LastOf:
@@ -133,7 +133,7 @@ class Material:
         """Elastic tangents, (gauss_points, components, components); moduli must be numbers, see :meth:`moduli_at`."""
         elastic = np.empty((self.gauss_points, self.components, self.components))
         for group in self.groups:
-            elastic[group.indices] = group.elasticity(self.components)
+            elastic[group.indices] = group.elasticity(self.components)[0]
         return elastic
 
     @property

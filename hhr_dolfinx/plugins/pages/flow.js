@@ -5,6 +5,7 @@
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;
+  const STILL = 1e-12; // a point does not flow if no slope of its inelastic strain is larger: these are round-off
   const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // limits of small strains, see models.strains
   const STEPS = 40, HELD = 10; // increments from one end of a parameter's range to the other; least of a move that takes time
   const norm = (values) => Math.sqrt(values.reduce((t, x) => t + x * x, 0));
@@ -19,10 +20,11 @@
       this.size = this.per_mode.shape[1];
       this.components = this.size / this.points;
       this.terms = this.gaps.shape[1];
+      const halves = own("schur"), count = halves.shape[0], half = halves.length / count;
+      this.groups = flow.groups.map(({ law, places, elastic, compliance, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law),
+        places: places && model.arrays[places], elastic: model.arrays[elastic], compliance: model.arrays[compliance] }));
       this.tested = this.testedBy(own("weights"));
       this.weight = norm(this.tested);
-      const halves = own("schur"), count = halves.shape[0], half = halves.length / count;
-      this.groups = flow.groups.map(({ law, places, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law, flow.diagonal), places: places && model.arrays[places] }));
       this.rows = Math.max(this.components + 1, ...this.groups.map(({ law }) => (law ? law.sizes.memory : 0)));
       this.rated = flow.groups.some(({ rated }) => rated);
       this.seconds = 1; // of a move
@@ -32,10 +34,12 @@
 
     /* Weights times the stress of each mode. */
     testedBy(weights) {
-      const { ell, size, points, components } = this, found = new Float64Array(ell * size);
-      for (let j = 0; j < ell; j++) for (let k = 0; k < points; k++) {
-        const at = (i) => j * size + i * points + k, volume = this.per_mode[at(0)] + this.per_mode[at(1)] + this.per_mode[at(2)];
-        for (let i = 0; i < components; i++) found[at(i)] = weights[points + k] * this.per_mode[at(i)] + (i < this.flow.diagonal ? weights[k] * volume : 0);
+      const { ell, size, points, components: c } = this, found = new Float64Array(ell * size);
+      let k = 0;
+      for (const { points: count, elastic } of this.groups) for (const end = k + count; k < end; k++) {
+        for (let j = 0; j < ell; j++) for (let i = 0; i < c; i++) for (let l = 0; l < c; l++) {
+          found[j * size + i * points + k] += weights[k] * elastic[i * c + l] * this.per_mode[j * size + l * points + k];
+        }
       }
       return found;
     }
@@ -49,7 +53,12 @@
       gives.forEach((c, q) => { for (let i = 0; i < m * m; i++) schur[i] += c * this.schurs[q][i]; });
       const scale = Float64Array.from({ length: points }, (_, k) => gives[this.parts[k]]);
       const coupled = this.coupled.map((x, k) => x * gives[this.mode_parts[Math.floor(k / m)]]);
-      return (this.moduli = { key, gives, schur, scale, coupled });
+      let first = 0;
+      const compliances = this.groups.map(({ compliance, points: count }) => {
+        first += count;
+        return compliance.map((x) => x * scale[first - 1]); // all points of a body are on parts of one modulus
+      });
+      return (this.moduli = { key, gives, schur, scale, coupled, compliances });
     }
 
     /* E, the ratio of Poisson and the constants of the law of each point; null if they are invalid. */
@@ -66,18 +75,19 @@
       return found;
     }
 
-    /* Memory at the end of a step; null if a law has no answer. `visit` takes each point with its law, which was solved there. */
-    updated({ constants, before, dt }, strain, visit) {
+    /* Memory at the end of a step; null if a law has no answer. `visit` takes each point with its law, which was solved there,
+       and C^-1. */
+    updated({ constants, compliances, before, dt }, strain, visit) {
       const { points, components } = this, found = Float64Array.from(before.memory), own = new Float64Array(components), old = new Float64Array(this.rows);
       let k = 0;
-      for (const { points: count, law } of this.groups) for (const end = k + count; k < end; k++) {
+      for (const [g, { points: count, law }] of this.groups.entries()) for (const end = k + count; k < end; k++) {
         if (!law) continue;
         const { memory } = law.sizes;
         for (let i = 0; i < memory; i++) old[i] = before.memory[i * points + k];
         for (let i = 0; i < components; i++) own[i] = strain[i * points + k];
-        if (!law.solve(own, old, dt, constants[k])) return null;
+        if (!law.solve(own, old, dt, constants[k], compliances[g])) return null;
         for (let i = 0; i < memory; i++) found[i * points + k] = law.memory[i];
-        visit?.(k, law);
+        visit?.(k, law, compliances[g]);
       }
       return found;
     }
@@ -247,9 +257,9 @@
     flowOf(load, { strain, memory }, on, columns, jacobian) {
       const { ell, size, points, components: c } = this, slopes = [], which = [];
       if (memory.every((value, k) => k >= size || value === load.before.memory[k])) return;
-      this.updated(load, strain, (k, law) => {
-        const own = this.slopes(law.tangent(), load.constants[k]);
-        if (own.some((value) => value !== 0)) { slopes.push(own); which.push(k); }
+      this.updated(load, strain, (k, law, compliance) => {
+        const own = this.slopes(law.tangent(), compliance);
+        if (!own.every((value) => Math.abs(value) <= STILL)) { slopes.push(own); which.push(k); }
       });
       const places = which.flatMap((k) => Array.from({ length: c }, (_, i) => i * points + k)), count = places.length, flowing = new Float64Array(count);
       const rows = on.map((i) => Float64Array.from(places, (place) => load.scale[place % points] * this.per_force[i * size + place]));
@@ -268,12 +278,14 @@
     }
 
     /* 1 - C^-1 H of a tangent H. */
-    slopes(tangent, [young, poisson]) {
-      const c = this.components, { diagonal } = this.flow;
-      return Float64Array.from({ length: c * c }, (_, place) => {
-        const [i, j] = [Math.floor(place / c), place % c], mean = tangent[j] + tangent[c + j] + tangent[2 * c + j];
-        return i < 3 && i >= diagonal ? 0 : (i === j ? 1 : 0) - ((1 + poisson) * tangent[place] - (i < 3 ? poisson * mean : 0)) / young;
-      });
+    slopes(tangent, compliance) {
+      const c = this.components, found = new Float64Array(c * c);
+      for (let i = 0; i < c; i++) for (let j = 0; j < c; j++) {
+        let slope = i === j ? 1 : 0;
+        for (let l = 0; l < c; l++) slope -= compliance[i * c + l] * tangent[l * c + j];
+        found[i * c + j] = slope;
+      }
+      return found;
     }
 
     /* Rows of a displacement: of corrections, of forces and loads by part, and of imposed displacements. */
@@ -315,15 +327,14 @@
     }
 
     /* Stress of the leave-one-out residual of the plastic strain, over the stress at the points with laws. */
-    estimate({ strain, plastic, point, gives }) {
-      const { points, components } = this, { diagonal, unforeseen: { modes, scales, without } } = this.flow, inner = this.model.arrays[without];
+    estimate({ strain, plastic, gives }) {
+      const { points, components } = this, { modes, scales, without } = this.flow.unforeseen, inner = this.model.arrays[without];
       const shown = this.model.arrays[modes], count = scales.length, shares = new Float64Array(count), at = (k, i) => plastic[i * points + k];
       for (let a = 0; a < count; a++) for (let k = 0; k < points; k++) for (let i = 0; i < components; i++) {
         shares[a] += scales[a] ** 2 * shown[(a * points + k) * components + i] * at(k, i);
       }
       let left = 0, stress = 0, place = 0;
-      this.groups.forEach(({ points: own, constants }) => {
-        const [E, poisson] = constants.slice(0, 2).map((steps) => hhr.formula(steps, point)), lame = (E * poisson) / ((1 + poisson) * (1 - (diagonal - 1) * poisson)), twice = E / (1 + poisson);
+      this.groups.forEach(({ points: own, elastic }) => {
         for (let k = place; k < place + own; k++) {
           const open = [], strains = [];
           for (let i = 0; i < components; i++) {
@@ -332,12 +343,14 @@
             open.push(value);
             strains.push(strain[i * points + k] - at(k, i));
           }
-          const volume = strains[0] + strains[1] + strains[2];
           for (let i = 0; i < components; i++) {
-            let value = 0;
-            for (let j = 0; j < components; j++) value += inner[(k * components + i) * components + j] * open[j];
+            let value = 0, whole = 0;
+            for (let j = 0; j < components; j++) {
+              value += inner[(k * components + i) * components + j] * open[j];
+              whole += elastic[i * components + j] * strains[j];
+            }
             left += (value / gives[this.parts[k]]) ** 2;
-            stress += (twice * strains[i] + (i < diagonal ? lame * volume : 0)) ** 2;
+            stress += (whole / gives[this.parts[k]]) ** 2;
           }
         }
         place += own;

@@ -19,7 +19,6 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-from hhr_dolfinx.plugins.pages.flowing import diagonal
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
@@ -59,7 +58,7 @@ class CellMeans:
         self._shares = shares
         self._points = points
         part = np.eye(operator.components)
-        self.plane_stress = diagonal(model.flow) == 2
+        self.plane_stress = any(group.law is not None and group.law.plane_stress for group in model.flow.groups)
         if not self.plane_stress:
             part[:3, :3] -= 1 / 3
         self._part = np.delete(part, 2, axis=0)

@@ -23,7 +23,7 @@ from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, Condense
 from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 from hhr_dolfinx.plugins.inelastic.law import LawProgram
 from hhr_dolfinx.plugins.inelastic.trained import TrainedPaths
-from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.warn import ignored
@@ -49,27 +49,27 @@ def check_flow(model: object, what: str = "a page") -> None:
         raise NotOfferedError(
             f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
-    own = [group.law.name for group in model.flow.groups if group.law is not None and group.law.elastic]
-    if own:
-        raise NotOfferedError(f"{what} has isotropic elasticity, and none of its own, as {own[0]} has: take Python")
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     """Arrays of an increment."""
     flow = model.flow
     names = model.parameters.names
+    material = Material(flow.groups, flow.components, names).moduli_at(model.parameters.middle)
     exact = ("per_mode", "forced", "given", "moved", "modal", "coupled", "pressed", "gaps")
     tree: dict[str, Any] = {name: arrays.put(f"flow_{name}", getattr(flow, name)) for name in exact}
     kind = "<f8" if flow.per_force.size <= EXACT else "<f4"
     tree["per_force"] = arrays.put("flow_per_force", flow.per_force, kind)
-    tree["weights"] = arrays.put("flow_weights", _weights(flow))
+    tree["weights"] = arrays.put("flow_weights", _weights(flow, material.elastic))
     tree |= {name: arrays.put(f"flow_{name}", getattr(flow, name), "<i4") for name in ("parts", "mode_parts")}
     tree["schur"] = arrays.put("flow_schur", np.array([half(part) for part in flow.schur]))
     tree["moduli"] = [steps_of(modulus.factor_scalar) for modulus in flow.factors.moduli]
     tree["middle"] = flow.factors.middle.tolist()
-    tree["groups"] = [_group(number, group, names, arrays) for number, group in enumerate(flow.groups)]
+    elasticity = [group.elasticity(flow.components) for group in material.groups]
+    tree["groups"] = [
+        _group(k, *pair, names, arrays) for k, pair in enumerate(zip(flow.groups, elasticity, strict=True))
+    ]
     tree["fixed"] = fixed(model)
-    tree["diagonal"] = diagonal(flow)
     # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
     # orthogonal to the modes, so their orthonormal directions suffice
     plastic = model.fields.flow
@@ -78,38 +78,26 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     return tree
 
 
-def diagonal(flow: CondensedFlow) -> int:
-    """Direct components of strain and stress that C couples: 2 in plane stress."""
-    return 2 if any(group.law is not None and group.law.plane_stress for group in flow.groups) else 3
-
-
-def _weights(flow: CondensedFlow) -> np.ndarray:
-    """Weight of each point times Lamé's λ and 2 μ, (2, n): the factors from ``per_mode`` to ``tested``."""
+def _weights(flow: CondensedFlow, elastic: np.ndarray) -> np.ndarray:
+    """Weight of each point, (n,): the factor from the stress of ``per_mode`` by C, (n, c, c), to ``tested``."""
     shape = len(flow.per_mode), flow.components, -1
-    count = diagonal(flow)
-    strain, stress = flow.per_mode.reshape(shape), flow.tested.reshape(shape)
-    traces = [values[:, :count].sum(axis=1) for values in (strain, stress)]
-    deviators = [values.copy() for values in (strain, stress)]
-    for values, trace in zip(deviators, traces, strict=True):
-        values[:, :count] -= trace[:, None] / count
-    shear = _ratio((deviators[0] * deviators[1]).sum(axis=(0, 1)), (deviators[0] ** 2).sum(axis=(0, 1)))
-    whole = _ratio((traces[0] * traces[1]).sum(axis=0), (traces[0] ** 2).sum(axis=0))
-    return np.array([(whole - shear) / count, shear])
+    stress: np.ndarray = np.einsum("nij,ljn->lin", elastic, flow.per_mode.reshape(shape))
+    squares = (stress**2).sum(axis=(0, 1))
+    return np.asarray((stress * flow.tested.reshape(shape)).sum(axis=(0, 1)) / np.where(squares > 0, squares, 1.0))
 
 
-def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Quotients, 0 where both are."""
-    return above / np.where(below > 0, below, 1.0)
-
-
-def _group(number: int, group: Group, names: tuple[str, ...], arrays: Packed) -> dict[str, Any]:
-    """Points of a body: formulas of E, ν and the constants of its law, and its program."""
+def _group(
+    number: int, group: Group, elasticity: tuple[np.ndarray, np.ndarray], names: tuple[str, ...], arrays: Packed
+) -> dict[str, Any]:
+    """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants, and its program."""
     law = group.law
     free = [k for k, name in enumerate(group.coordinates) if name not in names]
     every = (*names, *(group.coordinates[k] for k in free))
     values = (group.young, group.poisson, *(() if law is None else law.values))
     return {
         "points": len(group.indices),
+        "elastic": arrays.put(f"elastic{number}", elasticity[0]),
+        "compliance": arrays.put(f"compliance{number}", elasticity[1]),
         "constants": [steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)] for value in values],
         "places": arrays.put(f"law{number}_places", group.places[:, free]) if free else None,
         "rated": law is not None and law.rated,

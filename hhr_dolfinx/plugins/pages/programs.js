@@ -15,9 +15,9 @@
   ];
 
   class Law {
-    constructor(arrays, { sizes, limited, registers, ...names }, diagonal) {
+    constructor(arrays, { sizes, limited, registers, ...names }) {
       for (const [name, key] of Object.entries(names)) this[name] = arrays[key];
-      Object.assign(this, { sizes, limited, diagonal, work: new Float64Array(registers) });
+      Object.assign(this, { sizes, limited, work: new Float64Array(registers) });
       const { strains: c, unknowns: n, memory } = sizes;
       Object.assign(this, { firstMemory: c + n, firstConstant: c + n + memory + 1, stress: new Float64Array(c), memory: new Float64Array(memory) });
       this.work.set(this.numbers, this.firstConstant + sizes.constants);
@@ -41,8 +41,8 @@
       return this.work[this.outputs[(part ? this.output_ends[part - 1] : 0) + k]];
     }
 
-    /* Stress and memory at the end of a step, in `stress` and `memory`; false without an answer. */
-    solve(strain, old, dt, constants) {
+    /* Stress and memory at the end of a step, in `stress` and `memory`; false without an answer. `compliance` is C^-1. */
+    solve(strain, old, dt, constants, compliance) {
       const { strains: c, unknowns: n, memory } = this.sizes, { work } = this;
       for (let i = 0; i < c; i++) work[i] = strain[i];
       for (let i = 0; i < memory; i++) work[this.firstMemory + i] = old[i];
@@ -59,16 +59,18 @@
       this.run(part);
       for (let i = 0; i < c; i++) this.stress[i] = this.out(part, i);
       for (let i = c; i < memory; i++) this.memory[i] = this.out(part, i);
-      this.inelastic(strain, old, constants);
+      this.inelastic(strain, old, compliance);
       return !(this.limited && (this.solved || n === 0) && !(this.out(part, memory) >= 0)) && [...this.stress, ...this.memory].every(Number.isFinite);
     }
 
     /* Inelastic strain, the total one less that of the stress; where nothing flowed it is as before, to the last bit. */
-    inelastic(strain, old, [young, poisson]) {
-      const { strains: c } = this.sizes, { stress, memory } = this, mean = stress[0] + stress[1] + stress[2];
+    inelastic(strain, old, compliance) {
+      const { strains: c } = this.sizes, { stress, memory } = this;
       let size = 0, change = 0;
       for (let i = 0; i < c; i++) {
-        memory[i] = strain[i] - ((1 + poisson) * stress[i] - (i < this.diagonal ? poisson * mean : 0)) / young;
+        let found = strain[i];
+        for (let j = 0; j < c; j++) found -= compliance[i * c + j] * stress[j];
+        memory[i] = found;
         size = Math.max(size, Math.abs(strain[i]), Math.abs(old[i]));
         change = Math.max(change, Math.abs(memory[i] - old[i]));
       }

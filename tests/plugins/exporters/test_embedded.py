@@ -482,7 +482,9 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
 
 @needs("inelastic", "moduli")
 @compiled
-@pytest.mark.parametrize("name", ["moduli", "outputs", "back stresses, creep", "cone, heat", "plane stress"])
+@pytest.mark.parametrize(
+    "name", ["moduli", "outputs", "back stresses, creep", "cone, heat", "wood, heat", "fibres", "plane stress"]
+)
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
     model, path = flowing(name)
     made, room = increments(tmp_path, model)
@@ -506,15 +508,12 @@ def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
 
 @needs("inelastic", "moduli")
 @compiled
-def test_a_unit_creeps_while_its_inputs_stay(tmp_path):
+def test_a_unit_creeps_while_its_inputs_stay(unit_of, tmp_path):
     """Steps of a second, after a first load within one."""
-    from condensing import FINE, TIGHT, condensed
-    from test_flow_pages import cycle, two_bodies
+    from condensing import FINE
 
-    outputs = (hhr.ContactForce("force", 0, (0.0, 1.0)),)
-    full = hhr.FullOrderModel(dataclasses.replace(two_bodies("back stresses, creep"), outputs=outputs))
-    model = condensed(full, [full.march(cycle(young), TIGHT) for young in (2.0, 4.0)])
-    unit = Instance(tmp_path, fmu.write_fmu(tmp_path / "unit.fmu", model))
+    model, _, made = unit_of("back stresses, creep")
+    unit = Instance(tmp_path, made)
     assert unit.put([0.03, 3.0]) == 0 and unit.begin() == 0
     found = [unit.read()[0]]
     for number in range(3):
@@ -524,6 +523,18 @@ def test_a_unit_creeps_while_its_inputs_stay(tmp_path):
     history = model.march([*loaded, *((1.0 + k, loaded[-1][1]) for k in (1, 2, 3))], FINE)
     exact = [answer.outputs()["force"] for answer in history.answers[-4:]]
     assert found == pytest.approx(exact, rel=1e-6) and np.diff(np.abs(exact)).max() < 0
+    unit.made.fmi3FreeInstance(unit.at)
+
+
+@needs("inelastic", "moduli")
+@compiled
+def test_a_unit_steps_as_python_does_where_a_law_states_the_elasticity(unit_of, tmp_path):
+    model, path, made = unit_of("wood, heat")
+    unit = Instance(tmp_path, made)
+    assert unit.put(path[0]) == 0 and unit.begin() == 0
+    for number, (point, answer) in enumerate(zip(path[1:], marched(model, path).answers, strict=True)):
+        assert unit.put(point) == 0 and unit.step(number) == 0
+        np.testing.assert_allclose(unit.read(), [answer.outputs()["force"]], rtol=1e-8, atol=1e-10)
     unit.made.fmi3FreeInstance(unit.at)
 
 

@@ -4,10 +4,12 @@ import base64
 import dataclasses
 from functools import cache
 from types import SimpleNamespace
+from typing import ClassVar
 
 import contract
 import numpy as np
 import pytest
+import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
 from needs import needs
@@ -17,6 +19,7 @@ from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import NotOfferedError, ParameterError
+from hhr_dolfinx.forms.laws import equivalent, standard, trace
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
@@ -43,10 +46,42 @@ console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 
+@dataclasses.dataclass(frozen=True)
+class Fibres(hhr.Law):
+    """Plasticity of a matrix with elastic fibres along 0.6 x + 0.8 y: a law that states the elasticity, and flows."""
+
+    volume: float
+    shear: float
+    fibre: float
+    yield_stress: float
+    hardening: float
+    unknowns: ClassVar = {"inelastic": 0, "cumulated": 1}
+    elastic: ClassVar = True
+
+    def statement(self, at):
+        c = at.constants
+        along = ufl.as_vector([0.36, 0.64, 0.0, 0.48 * np.sqrt(2.0)])
+
+        def energy(strain, state):
+            inside = strain - state["inelastic"]
+            stretched = c.volume * trace(inside) ** 2 + c.fibre * ufl.dot(inside, along) ** 2
+            return stretched / 2 + c.shear * ufl.dot(inside, inside) + c.hardening * state["cumulated"] ** 2 / 2
+
+        def yields(forces, state):
+            return equivalent(forces["inelastic"]) - c.yield_stress + forces["cumulated"]
+
+        return standard(at, energy, yields)
+
+
+TURNED = (0.8, 0.6, 0.0), (-0.6, 0.8, 0.0), (0.0, 0.0, 1.0)
+WOOD = hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, TURNED)
 LAWS = {
     "moduli": (hhr.Plasticity(0.05, 0.2), None),
     "back stresses, creep": (hhr.Chaboche("0.03 + 0.01 * x", ((0.5, 20.0),), 0.01, 30.0), hhr.Norton("0.2 * E1", 4.0)),
     "cone, heat": (hhr.DruckerPrager(0.05, 0.2, 0.1), hhr.Heated(hhr.Norton(3.0, 4.0), 0.002, "0.3 * E1 + y")),
+    "wood": (hhr.Plasticity(0.05, 0.2), WOOD),
+    "wood, heat": (hhr.Plasticity(0.05, 0.2), hhr.Heated(WOOD, 0.1, "push * (1 + y)")),
+    "fibres": (hhr.Plasticity(0.045, 0.2), Fibres(3.0, 2.0, 6.0, 0.07, 0.3)),
     "plane stress": (hhr.Voce(0.05, 0.02, 20.0, 0.4), None),
 }
 """Laws of both bodies, by a name, and in plane stress where that says so."""
@@ -61,6 +96,7 @@ def two_bodies(name="moduli"):
     held = [item for item in base.displacements if not item.amplitude.slopes]
     moved = hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0))
     given = {"loads": (), "openings": (), "parameters": space(push=(0.0, 0.06), E1=(2.0, 4.0))}
+    given["outputs"] = (hhr.ContactForce("force", 0, (0.0, 1.0)),)
     return dataclasses.replace(base, displacements=(*held, *moved), **given)
 
 
@@ -142,7 +178,7 @@ def test_increments_of_flow_are_those_of_python_where_moduli_vary():
 @in_node
 @pytest.mark.parametrize("name", [name for name in LAWS if name != "moduli"])
 def test_laws_on_a_page_are_those_of_python(name):
-    """With unknowns, memory, rates, fields, heat, and a stress that depends on pressure."""
+    """With unknowns, memory, rates, fields, heat, a stress that depends on pressure, and elasticity of a law."""
     full, model = pair(name)
     scenery = hhr.scenery_of(full)
     check_alike(model, scenery, cycle(2.9), marched(model, scenery, cycle(2.9)))
