@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reduced import ReducedLaws, ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.interface import bodies_of, reduction_of
@@ -40,9 +40,6 @@ from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import repeat
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.reduced import ReducedLaws
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.trust import TrustLimits
@@ -29,9 +30,6 @@ from hhr_dolfinx.reduction.enrichment import check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 MOST_LAYERS = 1000
 """Layers of cells that cover any mesh of this package."""

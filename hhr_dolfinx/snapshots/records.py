@@ -18,7 +18,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
-from hhr_dolfinx.group import group_of, share
+from hhr_dolfinx.group import Group, group_of, share
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.shown import Shown, counted
@@ -28,7 +28,6 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.group import Group
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike

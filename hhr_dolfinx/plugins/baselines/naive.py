@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
@@ -11,11 +9,8 @@ from scipy.sparse.linalg import splu
 from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
-from hhr_dolfinx.models.answer import Answer, found_as
+from hhr_dolfinx.models.answer import Answer, CheckedStart, found_as
 from hhr_dolfinx.models.model import AnsweringModel
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import CheckedStart
 
 
 class NaiveFullOrder(AnsweringModel):

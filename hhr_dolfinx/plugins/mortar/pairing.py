@@ -19,11 +19,11 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
     check_facing,
+    looking,
     mean_normal,
     normalised,
     tangential_order,

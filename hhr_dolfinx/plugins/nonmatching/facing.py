@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from hhr_dolfinx.pairings.sides import looking
-from hhr_dolfinx.pairings.surface import Surface, normalised
+from hhr_dolfinx.pairings.surface import Surface, looking, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
 
 FACING = 0.1

@@ -11,11 +11,11 @@ import numpy as np
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError
-from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
     check_facing,
+    looking,
     mean_normal,
     nodal_rows,
     tangential_order,
