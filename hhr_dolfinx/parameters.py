@@ -166,7 +166,12 @@ class ParameterSpace:
         """
         if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second test is slow
             if set(self.names) ^ set(mu):
-                raise ParameterError(self._misnamed(mu))
+                missing = [f"{name!r} is missing" for name in self.names if name not in mu]
+                unknown = [f"{name!r} is unknown" for name in sorted(mu, key=str) if name not in self.names]
+                faults = ", ".join(missing + unknown)
+                raise ParameterError(
+                    f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
+                )
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
@@ -180,12 +185,6 @@ class ParameterSpace:
             if not low <= value <= high:  # NaN fails too
                 raise ParameterError(self._complaint(point))
         return point
-
-    def _misnamed(self, given: Mapping) -> str:
-        missing = [f"{name!r} is missing" for name in self.names if name not in given]
-        unknown = [f"{name!r} is unknown" for name in sorted(given, key=str) if name not in self.names]
-        faults = ", ".join(missing + unknown)
-        return f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
         found = list(zip(self.names, point, self.lower, self.upper, strict=True))

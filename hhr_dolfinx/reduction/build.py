@@ -370,7 +370,12 @@ def assess_projection(draft: Draft) -> None:
     problem = shared.full.problem
     with shared.log.stage("stability", shared.task.announce):
         rows = _distinct(problem, draft.sets)
-        reduced = _rows_of(draft.reduced, problem, draft.sets)
+        reduced = draft.reduced
+        if not (kept := problem.distinct[draft.sets.A_lambda]).all():
+            per_row = {
+                name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")
+            }
+            reduced = replace(reduced, **per_row)
         draft.stability = assess(problem, shared.constants, draft.basis, rows, reduced)
         check_solvable(draft.stability, problem, rows)
 
@@ -431,11 +436,3 @@ def start_along(draft: Draft) -> None:
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:
     """A RID without conditions that others repeat, whose rows are dependent for any basis."""
     return replace(sets, A_lambda=sets.A_lambda[problem.distinct[sets.A_lambda]])
-
-
-def _rows_of(reduced: ReducedProblem, problem: ContactProblem, sets: IndexSets) -> ReducedProblem:
-    """A projected problem with the conditions of :func:`_distinct`."""
-    if (kept := problem.distinct[sets.A_lambda]).all():
-        return reduced
-    rows = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
-    return replace(reduced, **rows)

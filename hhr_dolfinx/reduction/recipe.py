@@ -141,7 +141,9 @@ class Pod(Truncated):
     def of_columns(self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE) -> np.ndarray:
         """Modes of any displacements, (N, S); processes share the bodies of a decomposition by body."""
         rows = problem.spread
-        gram = self._gram(problem, rows)
+        gram: Any = None  # the Euclidean norm
+        if self.norm != "euclidean":
+            gram = problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
 
         def decomposed(own: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
@@ -165,12 +167,6 @@ class Pod(Truncated):
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
             found[dofs, first:last] = own
         return found
-
-    def _gram(self, problem: ContactProblem, rows: Rows) -> Any:
-        """Gram matrix of the norm; None for the Euclidean one."""
-        if self.norm == "euclidean":
-            return None
-        return problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
 
 
 @dataclass(frozen=True)

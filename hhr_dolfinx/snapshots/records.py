@@ -99,17 +99,15 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     centres = training.points[weakest[: int(np.ceil(GRAZING_SHARE * touching.size))]]
     centres = centres[np.arange(aimed) % len(centres)]
     lower, upper = np.array([space.lower, space.upper])
-    step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
+    # training points along each parameter: of their grid, or of a grid with as many points
+    counts = np.array([np.unique(column).size for column in training.points.T])
+    if counts.prod() != len(training.points):
+        counts = np.full(counts.size, len(training.points) ** (1 / counts.size))
+    step = (upper - lower) / np.maximum(counts - 1, 1)
     # a separate generator, so that the uniform points of a seed do not change
     draw = np.random.default_rng([seed, aimed])
     near = draw.uniform(np.maximum(centres - step, lower), np.minimum(centres + step, upper))
     return np.concatenate([uniform, near])
-
-
-def _counts(points: np.ndarray) -> np.ndarray:
-    """Training points along each parameter, (P,): of their grid, or of a grid with as many points."""
-    distinct = np.array([np.unique(column).size for column in points.T])
-    return distinct if distinct.prod() == len(points) else np.full(distinct.size, len(points) ** (1 / distinct.size))
 
 
 _log = logging.getLogger(__name__)

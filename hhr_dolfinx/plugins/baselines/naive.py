@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import bmat, csr_matrix
+from scipy.sparse import bmat
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
@@ -54,7 +54,8 @@ class NaiveFullOrder(AnsweringModel):
         problem = self._full.problem.at(point)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
-        stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
+        terms = (problem.stiffness,) if varies else self._full.discretisation.stiffness_terms()[0]
+        stiffness = sum(terms[1:], start=terms[0])[free][:, free]
         # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or small
         scale = stiffness.diagonal().mean()
         loads = problem.loads[free] @ theta
@@ -83,8 +84,3 @@ class NaiveFullOrder(AnsweringModel):
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
         return found_as(found, point, unknown, self._full)
-
-    def _assembled(self) -> csr_matrix:
-        """K, assembled again."""
-        first, *others = self._full.discretisation.stiffness_terms()[0]
-        return sum(others, start=first)

@@ -96,7 +96,9 @@ class RigidKernel:
         """
         remedy = "Impose displacements that hold every body without its contacts"
         for body in bodies:
-            touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
+            vector = np.zeros((len(problem.points), problem.block_size))  # no dof of the body is zero
+            vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), problem.block_size))
+            touched = np.abs(problem.contact @ vector.ravel()).max(initial=0.0)
             if touched == 0.0 or scene.shapes or scene.reader:
                 only = ". Contact alone may hold a body where none has a law or changes its shape"
                 why = only if touched else ""
@@ -219,7 +221,9 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     zero, and the moment of the facets' normals is distributed over the body.
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
-    driven = _driven(problem, rigid)
+    # motions along which loads do work beyond the discretisation error of a round body
+    sizes = np.asarray(abs(problem.loads).T @ np.abs(rigid))
+    driven = (np.abs(problem.loads.T @ rigid) > UNEVEN * sizes).any(axis=0)
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
@@ -241,13 +245,6 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     return found_round
 
 
-def _driven(problem: ContactProblem, motions: np.ndarray) -> np.ndarray:
-    """Mask of the motions, of (N, r), along which loads do work beyond the discretisation error of a round body."""
-    work = np.abs(problem.loads.T @ motions)
-    sizes = np.asarray(abs(problem.loads).T @ np.abs(motions))
-    return (work > UNEVEN * sizes).any(axis=0)
-
-
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l, k).
 
@@ -266,13 +263,6 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
         part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
         found.append(part)
     return np.hstack(found)
-
-
-def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
-    """A vector without zeros on the dofs of a body, (N,), and without a preferred direction."""
-    vector = np.zeros((count // dim, dim))
-    vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), dim))
-    return vector.ravel()
 
 
 def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.ndarray) -> None:

@@ -373,7 +373,10 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.group)
     del displacements
     if problem.reshaped is not None:
-        basis = _of_energy(basis, problem)
+        # orthonormal in the energy of the middle: soft modes are then as exact as stiff ones
+        energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
+        kept = energies > 1e-12 * energies[-1]
+        basis = basis @ (ways[:, kept] / np.sqrt(energies[kept]))
     whole: Any = whole_problem(problem, basis, settings)
     galerkin: Any = BlockElimination(whole, problem.amplitudes)
     if problem.reshaped is not None:
@@ -390,13 +393,6 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
     finer = all(len(own.interpolant.levels) <= len(other.interpolant.levels) for own, other in pairs)
     numbers = sum(other.interpolant.modes.size + other.columns.size for _, other in pairs)
     return bound.compliances if finer and numbers <= FEW else compliances
-
-
-def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
-    """Modes of the same span, orthonormal in the energy of the middle: soft modes are then as exact as stiff ones."""
-    energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
-    kept = energies > 1e-12 * energies[-1]
-    return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
 def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:

@@ -186,13 +186,6 @@ class _Energies(NamedTuple):
     scale: np.ndarray  # of the sums of their terms, which determines round-off
 
 
-def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of nonzero terms in each of some rows, (n, T), padded to the same number, and their weights, (n, k)."""
-    count = int(np.count_nonzero(weights, axis=1).max(initial=0))
-    used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
-    return used, np.take_along_axis(weights, used, 1)
-
-
 class VaryingThere(NamedTuple):
     """See :class:`hhr_dolfinx.models.bound.BoundThere`."""
 
@@ -274,8 +267,11 @@ class VaryingThere(NamedTuple):
             weights = found.theta[:, part.terms]
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
-            used, acting = _acting(weights)
-            # of hundreds of columns of a partial pressure three act; mode by mode, to limit memory
+            # of hundreds of columns of a partial pressure three act: indices of these, padded to the same number
+            count = int(np.count_nonzero(weights, axis=1).max(initial=0))
+            used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
+            acting = np.take_along_axis(weights, used, 1)
+            # mode by mode, to limit memory
             pairs = used[:, :, None], used[:, None, :]
             work = sum(share[:, None, None] * mode[pairs] for share, mode in zip(along.T, energy.work, strict=True))
             done = np.einsum("nst,nt->ns", work, acting)

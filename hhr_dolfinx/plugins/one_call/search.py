@@ -141,7 +141,10 @@ def reduce(
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
     with group_of(comm).each("preparing a search"):
-        full = _full_model(scene)
+        if not isinstance(scene, FullOrderModel | Scene):
+            raise StudyError(f"{scene!r} is no scene: give a Scene")
+        full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+        full.problem.require_parts("a search for a model")
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         if fallback and len(norms := target.of) > 1:
@@ -213,14 +216,6 @@ def _opened(
         raise StudyError(f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'")
     store = SnapshotStore(kept / "snapshots", full)
     return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
-
-
-def _full_model(scene: object) -> FullOrderModel:
-    if not isinstance(scene, FullOrderModel | Scene):
-        raise StudyError(f"{scene!r} is no scene: give a Scene")
-    full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
-    full.problem.require_parts("a search for a model")
-    return full
 
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:
@@ -409,7 +404,11 @@ def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple
             f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
         )
         return np.maximum(worst, seen), known, math.nan
-    return _seen(context, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
+    if not said:
+        return _seen(context, model, None)
+    relative = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
+    worst_first = np.argsort(-np.max(relative, axis=0), kind="stable")
+    return _seen(context, model, points[worst_first[: FRESH // 2]])
 
 
 def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
@@ -424,8 +423,9 @@ def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None)
         others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
         errors[others] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
-    off = _unresolved(model)
-    if off:
+    # an interpolation that spent its budget before it converged; zero for others, and if that of the bound answers
+    facts = None if model.offline is None else model.offline.facts
+    if off := UNRESOLVED * float(getattr(facts, "doubt", 0.0)):
         errors = np.maximum(errors, off)
         known += f"; S is off by {off / UNRESOLVED:.1g}"
     # suspected points do not belong to a random sample
@@ -447,13 +447,6 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
     return np.array(found) if found else None
 
 
-def _unresolved(model: KeptModel) -> float:
-    """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
-    and for one that answers by the interpolation of its bound."""
-    facts = None if model.offline is None else model.offline.facts
-    return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
-
-
 def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:
     """Errors that a model estimates at some points, by the names of a target; empty without a bound.
 
@@ -473,12 +466,6 @@ def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.
         if errors is not None:
             found[name] = np.where(np.isnan(errors), np.inf, errors)
     return found
-
-
-def _worst_first(said: dict[str, np.ndarray]) -> np.ndarray:
-    """Numbers of points, first those with the largest error relative to the median one."""
-    beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
-    return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
 def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:

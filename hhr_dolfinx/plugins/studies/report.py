@@ -43,7 +43,12 @@ def make_report(training: Training, model: KeptModel, measured: Measurement, row
         **measured.report,
         "work_precision": rows,
     }
-    offline = training.log.times | model.offline.log.times | _read_from_files(training, report["times"]["fom_best"])
+    offline = training.log.times | model.offline.log.times
+    if training.read and (best := report["times"]["fom_best"]) is not None:
+        # answers that were read from files, with their present cost by the best full model
+        histories = training.snapshots.histories
+        steps = len(training.snapshots.points) / len(histories) if histories else 1.0
+        offline[FROM_FILES] = training.read / steps * best["median"]
     report["times"] = {"offline": offline, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
@@ -89,15 +94,6 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
         "N_lambda_C": len(offline.sets.A_lambda),
         "rid_cells": len(cells),
     }
-
-
-def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
-    """A stage for answers that were read from files, with their present cost by the best full model."""
-    if not training.read or fom_best is None:
-        return {}
-    histories = training.snapshots.histories
-    steps = len(training.snapshots.points) / len(histories) if histories else 1.0
-    return {FROM_FILES: training.read / steps * fom_best["median"]}
 
 
 def break_even(times: Report) -> dict[str, float | None]:
@@ -228,8 +224,12 @@ def print_report(report: Report, console: Console) -> None:
         # the error of the mesh is the scale of all others; numbers where nothing estimates it any more
         place = registry.named("public").get("MeshError")
         console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
-    if report.get("time_error", {}).get("max"):
-        console.print(_time_error_in_words(report["time_error"]))
+    if (row := report.get("time_error", {})).get("max"):
+        how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
+        console.print(
+            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate "
+            f"(median of the histories), {row['max']:.2%} at worst; small models take the same ones"
+        )
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
@@ -253,14 +253,6 @@ def _sizes_in_words(report: Report) -> str:
         f"{head} -> {size['ell_bar']} modes, "
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
-    )
-
-
-def _time_error_in_words(row: Report) -> str:
-    how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
-    return (
-        f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
-        f"the histories), {row['max']:.2%} at worst; small models take the same ones"
     )
 
 

@@ -23,14 +23,7 @@ from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_
 from hhr_dolfinx.plugins.studies.settings import StudySettings
 from hhr_dolfinx.plugins.studies.view import View
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.training.train import (
-    Progress,
-    Training,
-    checked_folder,
-    silent,
-    train,
-    training_paths,
-)
+from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train, training_paths
 from hhr_dolfinx.warn import collected
 
 
