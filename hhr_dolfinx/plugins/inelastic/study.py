@@ -29,7 +29,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.plugins.studies.view import View
+    from hhr_dolfinx.plugins.studies.settings import View
 
 
 class Run(NamedTuple):

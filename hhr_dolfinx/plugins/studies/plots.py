@@ -22,7 +22,7 @@ from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.studies.of_laws import study_of
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.plugins.studies.settings import View
 from hhr_dolfinx.units import Units
 
 # files only: without a display VTK would first look for an X server and print an error
