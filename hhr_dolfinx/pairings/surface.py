@@ -184,7 +184,10 @@ def make_surface(
     corners = points[facet_nodes]
     vectors = area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    flat = _without_area(corners, sizes)
+    # degenerate facets, and those of the size of round-off in the coordinates; NaN counts as no area
+    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    power = corners.shape[2] - 1
+    flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
     if flat.any():
         raise SceneError(
             f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
@@ -228,14 +231,6 @@ def area_vectors(corners: np.ndarray) -> np.ndarray:
     if corners.shape[1] == 3:
         return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-
-
-def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Facets of no area: degenerate ones, and those of the size of round-off in the coordinates, (f,) bool."""
-    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    power = corners.shape[2] - 1
-    # NaN counts as no area
-    return ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:

@@ -239,7 +239,9 @@ class Condensation(Reductor[_Prepared]):
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
             else:
-                completed = _no_fields(full, settings)
+                basis = np.zeros((problem.free.size, 0))
+                rest = None, problem.block_size, None, _outputs(full, basis, settings)
+                completed = InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = prepared.bounded(completed, forces, wanted=self.bound)
@@ -355,14 +357,6 @@ def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Func
         return plain_outputs(full)
     prepared = full.functionals
     return None if prepared is None else reshaped.interpolated_outputs(prepared, full.problem, basis, settings)
-
-
-def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
-    """Outputs of forces alone, without displacement."""
-    problem = full.problem
-    basis = np.zeros((problem.free.size, 0))
-    rest = None, problem.block_size, None, _outputs(full, basis, settings)
-    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
 def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:

@@ -158,7 +158,8 @@ class VaryingBound(Rebuilt):
         """γ^T V^T K V γ, (n,), γ^T V^T loads θ, (n,), and B V γ, (n, m), of many γ, (n, ell)."""
         whole = self.whole
         if not isinstance(whole, ReducedProblem):
-            found = [_field(whole(point), *given) for point, *given in zip(points, unknown, theta, strict=True)]
+            parts = zip(map(whole, points), unknown, theta, strict=True)
+            found = [(u @ one.stiffness @ u, u @ one.loads @ own, one.contact_trial @ u) for one, u, own in parts]
             return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
         assert whole.terms is not None
         weights = many_weights(whole.terms.moduli, points)
@@ -171,11 +172,6 @@ class VaryingBound(Rebuilt):
         for part, lifts in zip(weights.T, whole.terms.lifts, strict=True):
             pulled -= part * np.sum(theta @ lifts.T * unknown, axis=1)
         return energies, pulled, unknown @ whole.contact_trial.T
-
-
-def _field(problem: ReducedProblem, gamma: np.ndarray, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """The same arrays for one answer, on a problem of constant stiffness."""
-    return float(gamma @ problem.stiffness @ gamma), float(gamma @ problem.loads @ theta), problem.contact_trial @ gamma
 
 
 class _Energies(NamedTuple):

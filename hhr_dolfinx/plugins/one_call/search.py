@@ -423,9 +423,8 @@ def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None)
         others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
         errors[others] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
-    # an interpolation that spent its budget before it converged; zero for others, and if that of the bound answers
-    facts = None if model.offline is None else model.offline.facts
-    if off := UNRESOLVED * float(getattr(facts, "doubt", 0.0)):
+    off = _unresolved(model)
+    if off:
         errors = np.maximum(errors, off)
         known += f"; S is off by {off / UNRESOLVED:.1g}"
     # suspected points do not belong to a random sample
@@ -445,6 +444,13 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
         if len(found) == FRESH // 2:
             break
     return np.array(found) if found else None
+
+
+def _unresolved(model: KeptModel) -> float:
+    """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
+    and for one that answers by the interpolation of its bound."""
+    facts = None if model.offline is None else model.offline.facts
+    return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
 
 
 def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:

@@ -43,12 +43,7 @@ def make_report(training: Training, model: KeptModel, measured: Measurement, row
         **measured.report,
         "work_precision": rows,
     }
-    offline = training.log.times | model.offline.log.times
-    if training.read and (best := report["times"]["fom_best"]) is not None:
-        # answers that were read from files, with their present cost by the best full model
-        histories = training.snapshots.histories
-        steps = len(training.snapshots.points) / len(histories) if histories else 1.0
-        offline[FROM_FILES] = training.read / steps * best["median"]
+    offline = training.log.times | model.offline.log.times | _read_from_files(training, report["times"]["fom_best"])
     report["times"] = {"offline": offline, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
@@ -94,6 +89,15 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
         "N_lambda_C": len(offline.sets.A_lambda),
         "rid_cells": len(cells),
     }
+
+
+def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
+    """A stage for answers that were read from files, with their present cost by the best full model."""
+    if not training.read or fom_best is None:
+        return {}
+    histories = training.snapshots.histories
+    steps = len(training.snapshots.points) / len(histories) if histories else 1.0
+    return {FROM_FILES: training.read / steps * fom_best["median"]}
 
 
 def break_even(times: Report) -> dict[str, float | None]:
