@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 
 PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
 """A point of the box as users give it: a number, a sequence, or a mapping by name."""
@@ -259,3 +259,10 @@ class ParameterSpace:
         for points, place in zip(found, places, strict=True):
             points[:, place] = np.tile(np.linspace(ends[0, place], ends[1, place], LINE), count)
         return found.reshape(-1, len(self.names))
+
+
+def check_counts(**given: tuple[object, int]) -> None:
+    """Raise StudyError for a value that is no integer from its least value to 2^32; both are given by name."""
+    for name, (value, least) in given.items():
+        if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]
+            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")

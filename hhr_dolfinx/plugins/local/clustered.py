@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import (
     TrainingWarning,
 )
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.parameters import ParameterSpace, check_counts, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
 from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 from hhr_dolfinx.reduction.build import build, check_given
@@ -30,7 +30,6 @@ from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected, warn

@@ -50,6 +50,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
@@ -60,7 +61,6 @@ from hhr_dolfinx.plugins.paths.path_families import PathFamily
 from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes, ways
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn

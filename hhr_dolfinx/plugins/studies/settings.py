@@ -10,8 +10,8 @@ import numpy as np
 
 from hhr_dolfinx.errors import StudyError
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.study.training.counts import check_counts
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,13 @@ from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSetting
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.shown import Shown, counted
-from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.parameters import check_counts, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
