@@ -121,7 +121,16 @@ class _Prepared(NamedTuple):
         with self.task.log.stage("compliances", self.task.announce):
             found = interpolated_compliances(full.problem, self.solvers, settings, announce=self.task.announce)
         compliances, grids, _ = found
-        _warn_of_budget(full, grids, settings)
+        worst = max((grid.surplus for grid in grids), default=0.0)
+        if worst > settings.tolerance:
+            warn(
+                f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} "
+                f"solutions, and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise "
+                "the budget, narrow the box, smooth formulas of moduli that jump or have spikes, or take the "
+                "hyper-reduced model",
+                StabilityWarning,
+                stacklevel=4,
+            )
         return compliances, grids
 
     def starts(self, compliances: Compliances, settings: GridSettings) -> tuple[KnownStatuses, np.ndarray]:
@@ -314,19 +323,6 @@ def _starts_along_paths(
             "no path through the box has an answer: contact rows are dependent, or the law of the contacts admits none"
         )
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
-
-
-def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSettings) -> None:
-    """Warn of a grid that spent its budget before it converged."""
-    worst = max((grid.surplus for grid in grids), default=0.0)
-    if worst > settings.tolerance:
-        warn(
-            f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
-            f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
-            "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
-            StabilityWarning,
-            stacklevel=5,
-        )
 
 
 def _warn_of_untouched(solvers: list[Solver]) -> None:
