@@ -141,10 +141,7 @@ def reduce(
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
     with group_of(comm).each("preparing a search"):
-        if not isinstance(scene, FullOrderModel | Scene):
-            raise StudyError(f"{scene!r} is no scene: give a Scene")
-        full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
-        full.problem.require_parts("a search for a model")
+        full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         if fallback and len(norms := target.of) > 1:
@@ -216,6 +213,14 @@ def _opened(
         raise StudyError(f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'")
     store = SnapshotStore(kept / "snapshots", full)
     return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
+
+
+def _full_model(scene: object) -> FullOrderModel:
+    if not isinstance(scene, FullOrderModel | Scene):
+        raise StudyError(f"{scene!r} is no scene: give a Scene")
+    full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+    full.problem.require_parts("a search for a model")
+    return full
 
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:
