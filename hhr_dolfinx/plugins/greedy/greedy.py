@@ -179,12 +179,7 @@ class Greedy:
             chosen = np.zeros(0, dtype=np.int64)
             if rounds[-1].worst > self.tolerance:
                 room = min(self.together, self.budget - len(points))
-                if errors.shape[1] == 1 or (values >= UNKNOWN / 2).any():
-                    chosen = apart(candidates, values, points, space, room)
-                else:  # all candidates have an error vector
-                    there = (candidates[:, None] == points).all(axis=2).any(axis=1)
-                    chosen = independent(np.where(there[:, None], 0.0, errors), room)
-                chosen = comm.bcast(chosen)
+                chosen = comm.bcast(_chosen(errors, candidates, points, space, room))
             if chosen.size:
                 more = candidates[chosen]
                 points = np.vstack([points, more])
@@ -253,6 +248,16 @@ def _marched(model: AnsweringModel, path: Any) -> Any:
             return model.march(path, MarchSettings(outside="ignore"))
     except (ConvergenceError, NotSolvableError):
         return None
+
+
+def _chosen(
+    errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
+) -> np.ndarray:
+    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by distances."""
+    if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
+        return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
+    there = (candidates[:, None] == known).all(axis=2).any(axis=1)
+    return independent(np.where(there[:, None], 0.0, errors), count)
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
