@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.sparse import bmat
+from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
-from hhr_dolfinx.models.answer import Answer, CheckedStart, found_as
+from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.model import AnsweringModel
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import CheckedStart
 
 
 class NaiveFullOrder(AnsweringModel):
@@ -54,8 +59,7 @@ class NaiveFullOrder(AnsweringModel):
         problem = self._full.problem.at(point)
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
-        terms = (problem.stiffness,) if varies else self._full.discretisation.stiffness_terms()[0]
-        stiffness = sum(terms[1:], start=terms[0])[free][:, free]
+        stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
         # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or small
         scale = stiffness.diagonal().mean()
         loads = problem.loads[free] @ theta
@@ -84,3 +88,8 @@ class NaiveFullOrder(AnsweringModel):
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
         return found_as(found, point, unknown, self._full)
+
+    def _assembled(self) -> csr_matrix:
+        """K, assembled again."""
+        first, *others = self._full.discretisation.stiffness_terms()[0]
+        return sum(others, start=first)
