@@ -34,7 +34,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.measure import References
-from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.plugins.studies.points import time_queries
 from hhr_dolfinx.timing import timed
 
 TABLE_4_1 = np.array([[170.0, 3.2], [30.0, 5.25]])

@@ -9,7 +9,7 @@ import numpy as np
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.plugins.local.clustered import sizes_of
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.plugins.studies.points import time_queries
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.studies.measure import Errors, References

@@ -91,10 +91,10 @@ from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
 from .plugins.stress.outputs import VonMises as VonMises
 from .plugins.studies.settings import StudySettings as StudySettings
+from .plugins.studies.settings import View as View
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study
 from .plugins.studies.study import study_scene as study_scene
-from .plugins.studies.view import View as View
 from .plugins.tables.batch import answer_points as answer_points
 from .plugins.tables.frames import to_pandas as to_pandas
 from .plugins.tables.frames import to_xarray as to_xarray

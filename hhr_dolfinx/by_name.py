@@ -184,7 +184,10 @@ def _run(path: Path, whole: Path) -> ModuleType:
         raise
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise SceneError(f"{path}{_line_in(error, whole)}: {type(error).__name__}: {error}{_hint(error)}") from error
+        hint = ""
+        if isinstance(error, ImportError) and "relative import" in str(error):
+            hint = ". A file is no package: write 'import name' for what lies beside it"
+        raise SceneError(f"{path}{_line_in(error, whole)}: {type(error).__name__}: {error}{hint}") from error
     finally:
         sys.path.remove(folder)
     # its functions may import other files of its folder later, with the lowest priority
@@ -216,10 +219,3 @@ def _line_in(error: BaseException, path: Path) -> str:
         return "" if error.lineno is None else f", line {error.lineno}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
     return f", line {lines[-1]}" if lines else ""
-
-
-def _hint(error: BaseException) -> str:
-    """Advice for errors that occur only with files by path."""
-    if isinstance(error, ImportError) and "relative import" in str(error):
-        return ". A file is no package: write 'import name' for what lies beside it"
-    return ""

@@ -301,16 +301,13 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
                 if info.file_size >= mapped:
                     # copy on write: changes of an answer must not change the file
                     whole = np.asarray(np.memmap(path, np.uint8, "c")) if whole is None else whole
-                    member = _bytes_of(whole, info)
+                    # the local header may be longer than the one in the directory
+                    header = whole[info.header_offset : info.header_offset + 30]
+                    lengths = (int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28))
+                    start = info.header_offset + 30 + sum(lengths)
+                    member = whole[start : start + info.file_size]
                 arrays[name] = _array(cast(io.BufferedIOBase, stream), info, member)
     return arrays
-
-
-def _bytes_of(whole: np.ndarray, info: zipfile.ZipInfo) -> np.ndarray:
-    """Bytes of a member; its local header may be longer than the one in the directory."""
-    header = whole[info.header_offset : info.header_offset + 30]
-    start = info.header_offset + 30 + sum(int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28))
-    return whole[start : start + info.file_size]
 
 
 def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:

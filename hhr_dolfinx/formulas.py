@@ -105,7 +105,12 @@ class Formula(Rebuilt):
         names: dict[str, None] = {}
         try:
             tree = ast.parse(self.text.strip(), mode="eval").body
-            if _depth(tree) > DEEPEST:
+            level = 0
+            nodes = [tree]
+            while nodes and level <= DEEPEST:
+                level += 1
+                nodes = [inner for node in nodes for inner in ast.iter_child_nodes(node) if isinstance(inner, ast.expr)]
+            if level > DEEPEST:
                 raise SceneError(f"{what} nests more than {DEEPEST} operations: put parts of a long sum in brackets")
             return _compiled(tree, names, what), tuple(names)
         except SceneError:
@@ -276,16 +281,6 @@ def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) ->
     except ParameterError:  # a point beyond a table: the caller finds it one by one
         return points
     return points[~((low < values) & (values < high))][:1]
-
-
-def _depth(tree: ast.expr) -> int:
-    """Levels of a tree, counted up to the limit."""
-    level = 0
-    nodes = [tree]
-    while nodes and level <= DEEPEST:
-        level += 1
-        nodes = [child for node in nodes for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
-    return level
 
 
 def _compiled(node: ast.expr, names: dict[str, None], what: str) -> _Evaluate:

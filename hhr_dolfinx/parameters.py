@@ -10,7 +10,7 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 
 PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
 """A point of the box as users give it: a number, a sequence, or a mapping by name."""
@@ -179,7 +179,12 @@ class ParameterSpace:
         """
         if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second test is slow
             if set(self.names) ^ set(mu):
-                raise ParameterError(self._misnamed(mu))
+                missing = [f"{name!r} is missing" for name in self.names if name not in mu]
+                unknown = [f"{name!r} is unknown" for name in sorted(mu, key=str) if name not in self.names]
+                faults = ", ".join(missing + unknown)
+                raise ParameterError(
+                    f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
+                )
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
@@ -193,12 +198,6 @@ class ParameterSpace:
             if not low <= value <= high:  # NaN fails too
                 raise ParameterError(self._complaint(point))
         return point
-
-    def _misnamed(self, given: Mapping) -> str:
-        missing = [f"{name!r} is missing" for name in self.names if name not in given]
-        unknown = [f"{name!r} is unknown" for name in sorted(given, key=str) if name not in self.names]
-        faults = ", ".join(missing + unknown)
-        return f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
         found = list(zip(self.names, point, self.lower, self.upper, strict=True))
@@ -273,3 +272,10 @@ class ParameterSpace:
         for points, place in zip(found, places, strict=True):
             points[:, place] = np.tile(np.linspace(ends[0, place], ends[1, place], LINE), count)
         return found.reshape(-1, len(self.names))
+
+
+def check_counts(**given: tuple[object, int]) -> None:
+    """Raise StudyError for a value that is no integer from its least value to 2^32; both are given by name."""
+    for name, (value, least) in given.items():
+        if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]
+            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")

@@ -183,7 +183,9 @@ class Scene:
             object.__setattr__(self, name, items)
             for place, item in enumerate(items):
                 if not fits(item):
-                    star = ". Put a star before it, *..., to list what it holds" if _holds(item, fits) else ""
+                    # a list of valid items, such as all displacements of a clamp
+                    listed = isinstance(item, tuple | list) and len(item) > 0 and all(map(fits, item))
+                    star = ". Put a star before it, *..., to list what it holds" if listed else ""
                     raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}{star}")
         if not self.bodies:
             raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
@@ -381,11 +383,6 @@ _PARTS = (
     ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
 )
 """Fields of a scene with several items, a description of each item, and its test."""
-
-
-def _holds(item: object, fits: Callable[[Any], bool]) -> bool:
-    """True if an item is itself a list of valid items, such as all displacements of a clamp."""
-    return isinstance(item, tuple | list) and len(item) > 0 and all(fits(one) for one in item)
 
 
 def _same_pair(one, other) -> bool:

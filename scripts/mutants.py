@@ -37,7 +37,7 @@ STUDIES = "hhr_dolfinx/plugins/studies"
 DECISIONS = (
     ("the worst error counts once", f"{ONE_CALL}/search.py", "ROOM = 2.0", "ROOM = 1.0"),
     ("no check where the worst is expected", f"{ONE_CALL}/search.py",
-     "points[_worst_first(said)[: FRESH // 2]] if said else None", "None"),
+     "points[worst_first[: FRESH // 2]]", "None"),
     ("earlier checks are forgotten", f"{ONE_CALL}/search.py", "before = list(context.held_out)", "before: list = []"),
     ("the first model that meets is taken", f"{ONE_CALL}/search.py",
      "return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)", "return met[0]"),

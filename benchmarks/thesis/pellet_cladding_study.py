@@ -12,7 +12,7 @@ from pellet_cladding_tables import POINTS, thesis
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.plugins.studies.measure import References
-from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.plugins.studies.points import time_queries
 from hhr_dolfinx.plugins.studies.study import Study
 from hhr_dolfinx.study.training.train import Training
 

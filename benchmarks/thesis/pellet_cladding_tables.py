@@ -10,7 +10,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.command.console import Console
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies.measure import References
-from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.plugins.studies.points import time_queries
 from hhr_dolfinx.plugins.studies.report import write_report
 from hhr_dolfinx.study.training.train import Training
 

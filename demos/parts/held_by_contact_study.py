@@ -9,7 +9,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import SceneWarning
-from hhr_dolfinx.plugins.studies.queries import time_queries
+from hhr_dolfinx.plugins.studies.points import time_queries
 
 
 def imbalance(model: Any, full: hhr.FullOrderModel, point: np.ndarray) -> float:

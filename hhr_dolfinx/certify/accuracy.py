@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
-
-    from hhr_dolfinx.memory import Memory
-    from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.models.answer import History
 
 FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error is meaningless."""

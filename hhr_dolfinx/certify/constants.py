@@ -200,12 +200,17 @@ def assess(
     test = basis[inside]
     pressure = 1.0 / problem.contact_areas[sets.A_lambda]
     energies = rows.sum(test.T @ _tested(problem, basis, inside)), whole
+    definite = math.nan
+    if low > 0:
+        schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
+        if (size := np.linalg.norm(schur, 2)) > 0:
+            definite = float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size)
     return Stability(
         kappa_B=kappas[0],
         kappa_B_2=kappas[1],
         sigma_min=smallest,
         sigma_max=largest,
-        contact_definite=_contact_definite(reduced) if low > 0 else math.nan,
+        contact_definite=definite,
         cond_K=high / low if low > 0 else math.inf,
         cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
         norm_K=high,
@@ -227,13 +232,6 @@ def row_range(rows: np.ndarray) -> tuple[float, float]:
     """Smallest and largest singular value on the rows; the smallest is 0 if there are more rows than columns."""
     smallest, largest = singular_range(rows)
     return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
-
-
-def _contact_definite(reduced: ReducedProblem) -> float:
-    """Smallest eigenvalue of the symmetric part of the contact Schur complement over its norm."""
-    schur = reduced.contact_trial @ np.linalg.solve(reduced.stiffness, reduced.contact_test.T)
-    size = np.linalg.norm(schur, 2)
-    return float(linalg.eigvalsh((schur + schur.T) / 2)[0] / size) if size > 0 else math.nan
 
 
 def _constants(

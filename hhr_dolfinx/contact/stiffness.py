@@ -226,7 +226,10 @@ class SparseStiffness(Stiffness):
         """See :class:`Stiffness`."""
         with self._making():
             if self._schur is None:
-                made = self._condensed()
+                if self._response is None and not self._keeps and self._components is not None:
+                    made = self.parts.sum(axis=0)  # parts are needed later
+                else:
+                    made = self._reduced([self.contact])[0]
                 with self._assigning:  # one array for all threads, which may make it by a lease and by a lock at once
                     self._schur = made if self._schur is None else self._schur
         return self._schur
@@ -240,11 +243,6 @@ class SparseStiffness(Stiffness):
         self.schur  # noqa: B018
         self._response = other._response
         return self
-
-    def _condensed(self) -> np.ndarray:
-        if self._response is None and not self._keeps and self._components is not None:  # parts are needed later
-            return self.parts.sum(axis=0)
-        return self._reduced([self.contact])[0]
 
     @property
     def parts(self) -> np.ndarray:

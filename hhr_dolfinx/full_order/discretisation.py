@@ -32,14 +32,13 @@ from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.free_bodies import check_held, described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
-from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
+from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
-    from hhr_dolfinx.loads import Load
 
 
 class Discretisation(DiscreteSpace):

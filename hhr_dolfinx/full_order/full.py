@@ -23,7 +23,7 @@ from hhr_dolfinx.full_order.system import System, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, CheckedStart
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.full import FullModel, Guard
@@ -31,7 +31,6 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)

@@ -173,7 +173,12 @@ def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray)
     for load in scene.loads:
         if hasattr(load, "eigenstrain_of") and (found := load.eigenstrain_of(tag, discretisation.mesh)) is not None:
             amplitude, strain = found
-            value = discretisation.constant(_value(amplitude, scene.parameters.names, point))
+            names = scene.parameters.names
+            if isinstance(amplitude, Amplitude):
+                slopes = (slope * point[names.index(name)] for name, slope in amplitude.slopes.items())
+                value = discretisation.constant(amplitude.constant + sum(slopes))
+            else:
+                value = discretisation.constant(Scalar(amplitude.text, names).value(point))
             total = value * strain if total is None else total + value * strain
     return None if total is None else _graded(discretisation, place, total)
 
@@ -188,13 +193,6 @@ def averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     if not discretisation.mean_dilatation[place]:
         return strain
     return volume.with_mean(strain, discretisation.cell_means(ufl.tr(strain)))
-
-
-def _value(amplitude: Amplitude | Formula, names: tuple[str, ...], point: np.ndarray) -> float:
-    """An amplitude at a point."""
-    if isinstance(amplitude, Amplitude):
-        return amplitude.constant + sum(slope * point[names.index(name)] for name, slope in amplitude.slopes.items())
-    return Scalar(amplitude.text, names).value(point)
 
 
 class Part(NamedTuple):

@@ -9,14 +9,13 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.functionals.functional import Functionals
+from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
 from hhr_dolfinx.outputs import ModelProbe, Output
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -11,9 +11,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.forms import elasticity, volume
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
 def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:

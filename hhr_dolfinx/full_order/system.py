@@ -15,20 +15,18 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import active_set
+from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.answer import found_as
+from hhr_dolfinx.models.answer import Answer, ModelFields, found_as
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.amplitudes import Theta
-    from hhr_dolfinx.contact.active_set import Pairs
     from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.models.answer import Answer, ModelFields
 
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import add
-from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -19,10 +18,8 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import add_stiffness, grading_of, parts_of
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 
 
 def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:

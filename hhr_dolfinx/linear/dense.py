@@ -184,3 +184,35 @@ def _check_finite(matrix: np.ndarray) -> None:
 
 def _singular(n: int) -> SingularError:
     return SingularError(f"a dense block of size {n} is singular")
+
+
+class GrowingColumns:
+    """A matrix in Fortran order, (N, k), that gains columns at its end without a copy each time."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self._held = np.asfortranarray(matrix)
+        self._count = matrix.shape[1]
+
+    @property
+    def all(self) -> np.ndarray:
+        """The matrix."""
+        return self._held[:, : self._count]
+
+    def append(self, column: np.ndarray) -> None:
+        """Append a column, (N,)."""
+        if self._count == self._held.shape[1]:
+            larger = np.empty((len(self._held), 2 * self._count + 16), order="F")
+            larger[:, : self._count] = self._held
+            self._held = larger
+        self._held[:, self._count] = column
+        self._count += 1
+
+
+def lay_out(owner: object) -> None:
+    """Copy arrays of a dataclass that are in neither C nor Fortran order to C order; for ``__post_init__``.
+
+    Files and copies preserve these orders: in others, sums would differ in the last digits.
+    """
+    for name, value in vars(owner).items():
+        if isinstance(value, np.ndarray) and not value.flags.forc:
+            object.__setattr__(owner, name, np.ascontiguousarray(value))

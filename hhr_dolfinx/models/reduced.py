@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.errors import ReductionError, SingularError
@@ -21,15 +22,12 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.models.histories.equilibrium import Equilibrium
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, Trained, TrainedRange
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.histories.equilibrium import Equilibrium
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {

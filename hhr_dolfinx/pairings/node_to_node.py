@@ -12,8 +12,15 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.sides import along_normal
-from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.surface import (
+    Surface,
+    along_normal,
+    check_facing,
+    nodal_rows,
+    tangential_order,
+    unit,
+    warn_of_overlap,
+)
 from hhr_dolfinx.parameters import Tag
 
 
@@ -64,7 +71,9 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
     here = first.points[own] @ along
     there = second.points[others] @ along
     distance, partner = cKDTree(there).query(here)
-    lonely = distance > 1e-4 * _spacing(here)
+    # the scale of the tolerance is the median distance of neighbours
+    spacing = float(np.median(cKDTree(here).query(here, k=2)[0][:, 1])) if len(here) > 1 else 1.0
+    lonely = distance > 1e-4 * spacing
     if len(here) != len(there) or lonely.any() or np.unique(partner).size != partner.size:
         unmatched = np.setdiff1d(np.arange(len(there)), partner)
         lost = first.points[own][lonely] if lonely.any() else second.points[others][unmatched]
@@ -77,10 +86,3 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
             "NodeToSurface or Mortar"
         )
     return partner
-
-
-def _spacing(points: np.ndarray) -> float:
-    """Median distance of neighbours, the scale of the tolerance of facing nodes."""
-    if len(points) < 2:
-        return 1.0
-    return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))

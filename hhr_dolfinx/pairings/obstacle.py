@@ -11,8 +11,15 @@ import numpy as np
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.sides import along_normal
-from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.surface import (
+    Surface,
+    along_normal,
+    check_facing,
+    nodal_rows,
+    tangential_order,
+    unit,
+    warn_of_overlap,
+)
 from hhr_dolfinx.parameters import Tag, is_number
 
 

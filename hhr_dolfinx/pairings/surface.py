@@ -126,6 +126,33 @@ class Surface:
         return largest
 
 
+def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side, (n,).
+
+    Sides are groups of facets at a node that meet smoothly: at an edge of a body the mean normal looks along none.
+    Unit normals are (n, dim), or one for all, (dim,). The cosine of such a side is above ``least``.
+    """
+    k = surface.facets.shape[1]
+    along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
+    sides = np.einsum("fkd,fkd->fk", surface.corner_normals, along) > least
+    # integrals of the linear functions of a facet over it; the weight of the measure is linear, too
+    weights = surface.weights[surface.facets]
+    shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
+    nodes = surface.facets.ravel()
+    whole = np.bincount(nodes, shares.ravel(), len(surface.nodes))
+    part = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
+    found = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
+    return found, surface.areas * np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)
+
+
+def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,); all nodes of a parallel surface."""
+    looks, areas = looking(surface, normal, GRAZING)
+    if not looks.any():
+        return np.arange(len(surface.nodes)), surface.areas
+    return np.flatnonzero(looks), areas
+
+
 def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
     starts = at_node.indptr[nodes]
@@ -157,7 +184,10 @@ def make_surface(
     corners = points[facet_nodes]
     vectors = area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    flat = _without_area(corners, sizes)
+    # degenerate facets, and those of the size of round-off in the coordinates; NaN counts as no area
+    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    power = corners.shape[2] - 1
+    flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
     if flat.any():
         raise SceneError(
             f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
@@ -201,14 +231,6 @@ def area_vectors(corners: np.ndarray) -> np.ndarray:
     if corners.shape[1] == 3:
         return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     return np.cross(corners[:, 3] - corners[:, 0], corners[:, 2] - corners[:, 1]) / 2
-
-
-def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Facets of no area: degenerate ones, and those of the size of round-off in the coordinates, (f,) bool."""
-    spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    power = corners.shape[2] - 1
-    # NaN counts as no area
-    return ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:

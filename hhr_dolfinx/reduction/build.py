@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.reduced import ReducedLaws, ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.interface import bodies_of, reduction_of
@@ -40,9 +40,6 @@ from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import repeat
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.reduced import ReducedLaws
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +370,12 @@ def assess_projection(draft: Draft) -> None:
     problem = shared.full.problem
     with shared.log.stage("stability", shared.task.announce):
         rows = _distinct(problem, draft.sets)
-        reduced = _rows_of(draft.reduced, problem, draft.sets)
+        reduced = draft.reduced
+        if not (kept := problem.distinct[draft.sets.A_lambda]).all():
+            per_row = {
+                name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")
+            }
+            reduced = replace(reduced, **per_row)
         draft.stability = assess(problem, shared.constants, draft.basis, rows, reduced)
         check_solvable(draft.stability, problem, rows)
 
@@ -434,11 +436,3 @@ def start_along(draft: Draft) -> None:
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:
     """A RID without conditions that others repeat, whose rows are dependent for any basis."""
     return replace(sets, A_lambda=sets.A_lambda[problem.distinct[sets.A_lambda]])
-
-
-def _rows_of(reduced: ReducedProblem, problem: ContactProblem, sets: IndexSets) -> ReducedProblem:
-    """A projected problem with the conditions of :func:`_distinct`."""
-    if (kept := problem.distinct[sets.A_lambda]).all():
-        return reduced
-    rows = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
-    return replace(reduced, **rows)

@@ -50,7 +50,15 @@ class Completion:
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None = None) -> Completion:
         """Data from training answers."""
-        return cls(snapshots.forces, _gap_scale(problem, snapshots), laws)
+        # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not the largest slack: if
+        # contact never opens in training the slack is round-off, and relative to it all gaps would count as open
+        gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+        sizes = np.maximum(np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))).max(axis=1)
+        scale = np.ones(sizes.size)
+        for pair in np.unique(problem.contact_pairs):
+            inside = problem.contact_pairs == pair
+            scale[inside] = sizes[inside].max() or 1.0
+        return cls(snapshots.forces, scale, laws)
 
     @cached_property
     def rays(self) -> np.ndarray:
@@ -117,21 +125,6 @@ def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
         return float(nnls(cone, ray, maxiter=30 * cone.shape[1])[1])
     except RuntimeError:
         return math.inf
-
-
-def _gap_scale(problem, snapshots) -> np.ndarray:
-    """Length scale of the gaps of each contact pair, (N_lambda,).
-
-    The largest gap or relative motion of its bodies, not the largest slack: if contact never opens in training the
-    slack is round-off, and relative to it all gaps would count as open.
-    """
-    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    sizes = np.maximum(np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))).max(axis=1)
-    scale = np.ones(sizes.size)
-    for pair in np.unique(problem.contact_pairs):
-        inside = problem.contact_pairs == pair
-        scale[inside] = sizes[inside].max() or 1.0
-    return scale
 
 
 def bound_of(

@@ -21,7 +21,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.linear.growing import GrowingColumns
+from hhr_dolfinx.linear.dense import GrowingColumns
 from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.timing import StageLog

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy import linalg
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.rows import Rows
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 
 def pod(

@@ -13,9 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.trust import TrustLimits
@@ -29,9 +30,6 @@ from hhr_dolfinx.reduction.enrichment import check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
 
 MOST_LAYERS = 1000
 """Layers of cells that cover any mesh of this package."""
@@ -143,7 +141,9 @@ class Pod(Truncated):
     def of_columns(self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE) -> np.ndarray:
         """Modes of any displacements, (N, S); processes share the bodies of a decomposition by body."""
         rows = problem.spread
-        gram = self._gram(problem, rows)
+        gram: Any = None  # the Euclidean norm
+        if self.norm != "euclidean":
+            gram = problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
 
         def decomposed(own: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
@@ -167,12 +167,6 @@ class Pod(Truncated):
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
             found[dofs, first:last] = own
         return found
-
-    def _gram(self, problem: ContactProblem, rows: Rows) -> Any:
-        """Gram matrix of the norm; None for the Euclidean one."""
-        if self.norm == "euclidean":
-            return None
-        return problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
 
 
 @dataclass(frozen=True)

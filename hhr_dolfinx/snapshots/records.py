@@ -18,7 +18,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
-from hhr_dolfinx.group import group_of, share
+from hhr_dolfinx.group import Group, group_of, share
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.shown import Shown, counted
@@ -28,7 +28,6 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.group import Group
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -100,17 +99,15 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     centres = training.points[weakest[: int(np.ceil(GRAZING_SHARE * touching.size))]]
     centres = centres[np.arange(aimed) % len(centres)]
     lower, upper = np.array([space.lower, space.upper])
-    step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
+    # training points along each parameter: of their grid, or of a grid with as many points
+    counts = np.array([np.unique(column).size for column in training.points.T])
+    if counts.prod() != len(training.points):
+        counts = np.full(counts.size, len(training.points) ** (1 / counts.size))
+    step = (upper - lower) / np.maximum(counts - 1, 1)
     # a separate generator, so that the uniform points of a seed do not change
     draw = np.random.default_rng([seed, aimed])
     near = draw.uniform(np.maximum(centres - step, lower), np.minimum(centres + step, upper))
     return np.concatenate([uniform, near])
-
-
-def _counts(points: np.ndarray) -> np.ndarray:
-    """Training points along each parameter, (P,): of their grid, or of a grid with as many points."""
-    distinct = np.array([np.unique(column).size for column in points.T])
-    return distinct if distinct.prod() == len(points) else np.full(distinct.size, len(points) ** (1 / distinct.size))
 
 
 _log = logging.getLogger(__name__)

@@ -363,7 +363,10 @@ def _digest_of(full: FullModel) -> bytes:
     others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
     others += [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
-    parts += [] if problem.spread.all_here else _digests_of_rows(problem)
+    if not problem.spread.all_here:  # local rows of the large matrices, in the order of the ranks
+        own = hashlib.sha256()
+        add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
+        parts += problem.group.gathered(own.hexdigest())
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
@@ -371,10 +374,3 @@ def _digest_of(full: FullModel) -> bytes:
     parts += stored_laws(full).fingerprint()
     add_to(digest, parts)
     return digest.digest()
-
-
-def _digests_of_rows(problem: ContactProblem) -> list[str]:
-    """Digests of the local rows of the large matrices on each rank, in the order of the ranks. Collective."""
-    own = hashlib.sha256()
-    add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
-    return problem.group.gathered(own.hexdigest())

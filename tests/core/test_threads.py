@@ -382,7 +382,7 @@ def test_a_refused_matrix_leaves_the_store_as_it_was(full, matrices):
 @needs("inelastic")
 def test_lazy_columns_are_those_of_s(full, matrices):
     """Of the conditions that were active; forces elsewhere are none."""
-    from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
+    from hhr_dolfinx.plugins.inelastic.full_order import LazyStiffness
 
     store = FactorStore(counting(full)[0])
     lazy = stiffness(full, matrices[0][0], store, LazyStiffness)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import AnswerTable, CondensedContact, Elimination, Responses
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plain import CODE, Rebuilt
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.starts import KnownStatuses
 
 Region = tuple[np.ndarray, np.ndarray] | None
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.linear.dense import lay_out
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes

@@ -236,7 +236,10 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
         history = model.follow(path, settings)
         error = history.answers[-1].time_error
         if gradient:  # on the parts that the tolerance required
-            path, weights = _parted(history, path, weights)
+            known = [time for time, _ in path]
+            path = history.solved_path
+            solved = [time for time, _ in path]
+            weights = np.column_stack([np.interp(solved, known, column) for column in weights.T])
             settings = MarchSettings(outside="ignore", gradient=True)
             history = model.answering(history).follow(path, settings, weights=weights)
     except (ConvergenceError, NotSolvableError) as error:
@@ -248,11 +251,3 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
         iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),
         time_error=error,
     )  # fmt: skip
-
-
-def _parted(history: History, path: Path, weights: np.ndarray) -> tuple[Path, np.ndarray]:
-    """A path of load shares with all parts of its steps, and the weights there."""
-    parts = history.solved_path
-    shares = np.array([time for time, _ in parts])
-    known = np.array([time for time, _ in path])
-    return parts, np.column_stack([np.interp(shares, known, column) for column in weights.T])

@@ -51,7 +51,13 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         return found
     look_at_mesh(found)
     _names(found)
-    _pairs(found)
+    for item in scene.contacts:  # separately, so that all of them are reported
+        surfaces: list[Surface] = []
+        rows = None
+        with found.heard():
+            surfaces = [found.discretisation.surface(tag) for tag in item.tags]
+            rows = item.rows(surfaces, found.discretisation.size)
+        found.pairs.append((surfaces, rows))
     look_at_joints(found)
     look_at_common_nodes(found)
     if found.mistakes:
@@ -109,18 +115,6 @@ def _names(found: SceneCheck) -> None:
         more = f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
         said = "; ".join(left_out[:MOST_LEFT_OUT])
         found.note(f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
-
-
-def _pairs(found: SceneCheck) -> None:
-    """Check each contact pair separately, so that all of them are reported."""
-    discretisation = found.meshed
-    for item in found.scene.contacts:
-        surfaces: list[Surface] = []
-        rows = None
-        with found.heard():
-            surfaces = [discretisation.surface(tag) for tag in item.tags]
-            rows = item.rows(surfaces, discretisation.size)
-        found.pairs.append((surfaces, rows))
 
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:

@@ -36,7 +36,9 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 
     checked_target(picture, PICTURES)
     console, _ = spoken()
-    if _is_mesh(scene):
+    path = Path(scene)
+    # a mesh file, or a file or folder that cannot be anything else
+    if (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES:
         if words or picture is not None or mesh_error:
             raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
         console.print(_contents_of(scene), highlight=False, markup=False, soft_wrap=True)
@@ -60,12 +62,6 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
         figure_of_scene(found).savefig(picture, dpi=150)
         console.print(f"picture: {picture}")
     sys.exit(NO_ANSWER if found.mistakes else 0)
-
-
-def _is_mesh(name: str) -> bool:
-    """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
-    path = Path(name)
-    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
 
 
 def _contents_of(name: str) -> str:

@@ -121,7 +121,10 @@ def look_at_joints(found: SceneCheck) -> None:
     look = MeshLook.of(found)
     tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
-    paired = _paired_bodies(found, inside)
+    paired = set()  # bodies in contact, by their indices, the smaller one first
+    for surfaces, _ in found.pairs:
+        sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
+        paired |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
     for place, tag in enumerate(tags):
         pieces = look.pieces_of(place)
@@ -203,15 +206,6 @@ def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
 
 def _size(points: np.ndarray) -> str:
     return " x ".join(f"{value:.4g}" for value in np.ptp(points, axis=0))
-
-
-def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int, int]]:
-    """Pairs of bodies in contact, by their indices, the smaller one first."""
-    pairs = set()
-    for surfaces, _ in found.pairs:
-        sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
-        pairs |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
-    return pairs
 
 
 def young_of(body: Body, space: ParameterSpace) -> float:

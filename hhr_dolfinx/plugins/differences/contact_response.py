@@ -85,7 +85,7 @@ class ContactResponse(Rebuilt):
         """
         found = np.empty(forces.shape)
         left = list(range(len(forces)))
-        touching = self._diagonal * forces > free + forces @ self.schur
+        touching = self.schur.diagonal() * forces > free + forces @ self.schur
         if len(forces) > 1:
             found, _, left = settled(self.schur, free, touching, LapackCholesky)
         closed = np.ones(len(forces), dtype=bool)
@@ -94,7 +94,3 @@ class ContactResponse(Rebuilt):
             closed[k] = alone.status is Status.CONVERGED
             found[k] = alone.forces if closed[k] else forces[k]
         return np.maximum(found, 0.0), closed
-
-    @cached_property
-    def _diagonal(self) -> np.ndarray:
-        return self.schur.diagonal().copy()

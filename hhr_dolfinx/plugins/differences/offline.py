@@ -10,7 +10,7 @@ from scipy import linalg
 from scipy.linalg import solve_triangular, svd
 from scipy.sparse import csc_matrix, csr_matrix, vstack
 
-from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, least_sizes
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, Solutions, least_sizes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
@@ -20,7 +20,6 @@ from hhr_dolfinx.plugins.differences.difference import ExactDifference, definite
 from hhr_dolfinx.plugins.differences.field_response import FieldResponse
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.plugins.differences.outputs import OutputDifference
     from hhr_dolfinx.reduction.build import Draft

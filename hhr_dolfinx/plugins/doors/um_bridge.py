@@ -59,7 +59,7 @@ class Protocol:
             "/ModelInfo": lambda request: {"support": self.supported},
             "/InputSizes": lambda request: {"inputSizes": [len(self.function.names)]},
             "/OutputSizes": lambda request: {"outputSizes": [len(self.function.outputs)]},
-            "/Evaluate": self._evaluate,
+            "/Evaluate": lambda request: {"output": [self.function(self._point(request))[0].tolist()]},
             "/Gradient": self._gradient,
             "/ApplyJacobian": self._jacobian,
         }
@@ -95,9 +95,6 @@ class Protocol:
     def _unknown(self, path: str) -> RequestError:
         known = ", ".join(["/Info", *self.posted])
         return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
-
-    def _evaluate(self, request: Fields) -> Fields:
-        return {"output": [self.function(self._point(request))[0].tolist()]}
 
     def _gradient(self, request: Fields) -> Fields:
         """Weights of the outputs times the Jacobian."""

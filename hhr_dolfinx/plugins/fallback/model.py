@@ -10,7 +10,16 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
-from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
+from hhr_dolfinx.models.answer import (
+    Answer,
+    CheckedStart,
+    History,
+    ListedAnswers,
+    ModelFields,
+    Path,
+    SeveralAnswers,
+    Start,
+)
 from hhr_dolfinx.models.estimates import (
     FORCES,
     check_asked,
@@ -24,16 +33,14 @@ from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike, is_number
 from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
-    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.reduction.recipe import Recipe
 
 _log = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -17,10 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
-from hhr_dolfinx.plugins.floating.condensed import Floating
-from hhr_dolfinx.plugins.floating.elimination import FloatingElimination, ReducedFloatingElimination
+from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
-from hhr_dolfinx.plugins.floating.undetermined import undetermined_motions, undetermined_outputs
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -37,6 +35,44 @@ WEAK = 0.1
 """Part of the effect of other motions up to which that of a rotation may come from the facets of a round surface."""
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
+SAME = 1e-9
+"""Part of the largest value below which a change counts as round-off."""
+
+
+def undetermined_outputs(answer: Any) -> set[str]:
+    """Names of the outputs that an undetermined motion of an answer changes."""
+    fields: Any = answer.fields
+    if fields.functionals is None:
+        return set()
+    functionals = fields.functionals.at(answer.parameter)
+    amplitudes = fields.functionals.amplitudes
+    given = amplitudes(answer.parameter)
+    theta = np.zeros(amplitudes.firsts[-1])
+    theta[given.terms] = given.values
+    before = fields.measured(answer, theta)
+    found: set[str] = set()
+    for motion in answer.undetermined.T:
+        change = np.abs(fields.measured(answer._replace(unknown=answer.unknown + motion), theta) - before)
+        least = SAME * max(change.max(initial=0.0), np.abs(before).max(initial=0.0))
+        pairs = zip(functionals.items, functionals.places, strict=True)
+        found |= {item.name for item, place in pairs if change[place].max(initial=0.0) > least}
+    return found
+
+
+def undetermined_motions(answer: Any) -> str:
+    """Description of the undetermined motions of an answer: the nodes of the mesh that move, and how."""
+    before = answer.displacement()
+    words = []
+    for motion in answer.undetermined.T:
+        change = answer._replace(unknown=answer.unknown + motion).displacement() - before
+        field = change.reshape(-1, answer.fields.dimension)
+        sizes = np.linalg.norm(field, axis=1)
+        moving = np.flatnonzero(sizes > SAME * sizes.max())
+        way = field[moving].mean(axis=0)
+        shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
+        how = f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
+        words.append(f"the body of nodes {moving[0]} to {moving[-1]} {how}")
+    return ", ".join(words)
 
 
 @dataclass(eq=False)
@@ -60,7 +96,9 @@ class RigidKernel:
         """
         remedy = "Impose displacements that hold every body without its contacts"
         for body in bodies:
-            touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
+            vector = np.zeros((len(problem.points), problem.block_size))  # no dof of the body is zero
+            vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), problem.block_size))
+            touched = np.abs(problem.contact @ vector.ravel()).max(initial=0.0)
             if touched == 0.0 or scene.shapes or scene.reader:
                 only = ". Contact alone may hold a body where none has a law or changes its shape"
                 why = only if touched else ""
@@ -183,7 +221,9 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     zero, and the moment of the facets' normals is distributed over the body.
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
-    driven = _driven(problem, rigid)
+    # motions along which loads do work beyond the discretisation error of a round body
+    sizes = np.asarray(abs(problem.loads).T @ np.abs(rigid))
+    driven = (np.abs(problem.loads.T @ rigid) > UNEVEN * sizes).any(axis=0)
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
@@ -205,13 +245,6 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     return found_round
 
 
-def _driven(problem: ContactProblem, motions: np.ndarray) -> np.ndarray:
-    """Mask of the motions, of (N, r), along which loads do work beyond the discretisation error of a round body."""
-    work = np.abs(problem.loads.T @ motions)
-    sizes = np.asarray(abs(problem.loads).T @ np.abs(motions))
-    return (work > UNEVEN * sizes).any(axis=0)
-
-
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l, k).
 
@@ -230,13 +263,6 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
         part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
         found.append(part)
     return np.hstack(found)
-
-
-def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
-    """A vector without zeros on the dofs of a body, (N,), and without a preferred direction."""
-    vector = np.zeros((count // dim, dim))
-    vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), dim))
-    return vector.ravel()
 
 
 def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.ndarray) -> None:

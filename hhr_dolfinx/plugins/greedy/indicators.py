@@ -9,28 +9,31 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+import ufl
+from dolfinx.mesh import meshtags
 from mpi4py import MPI
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import force_floor, norm
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
 from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
-from hhr_dolfinx.plugins.greedy.restriction import Restriction, restricted
 from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.reduced import ReducedModel
-
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
 """Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
@@ -142,6 +145,95 @@ class ForceError:
 
 
 _OfAnswer = Callable[[Answer, np.ndarray], float]
+
+
+@dataclass(frozen=True)
+class Restriction:
+    """The problem of a RID, whose free dofs are A; dofs of its other nodes are imposed, including the interface I."""
+
+    problem: ContactProblem  # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
+    dofs: np.ndarray  # number in the whole problem of each of its dofs, (n,)
+    gap_of: csr_matrix  # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
+
+
+def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
+    """Cut the problem of a RID out of the whole one; for a RID of the whole domain return the whole problem.
+
+    The RID is closed: no condition outside A_lambda acts on A.
+    """
+    problem.require_whole()
+    size = problem.block_size
+    nodes = np.union1d(problem.cell_nodes[sets.cells].ravel(), sets.A_c_tilde // size)
+    dofs = (nodes[:, None] * size + np.arange(size)).ravel()
+    free = np.isin(dofs, sets.A)
+    number = np.full(len(problem.points), -1)
+    number[nodes] = np.arange(nodes.size)
+    rows = problem.contact[sets.A_lambda][:, dofs]
+    part = replace(
+        problem,
+        stiffness_terms=tuple(term[dofs][:, dofs] for term in problem.stiffness_terms),
+        node_mass=problem.node_mass[nodes][:, nodes],
+        free=free,
+        loads=masked(problem.loads[dofs], free),
+        lifts=csc_matrix(problem.lifts[dofs]),
+        contact=csr_matrix(masked(rows.T, free).T),
+        gaps=np.asfortranarray(problem.gaps[sets.A_lambda]),
+        contact_slaves=number[problem.contact_slaves[sets.A_lambda]],
+        contact_pairs=problem.contact_pairs[sets.A_lambda],
+        contact_points=problem.contact_points[sets.A_lambda],
+        contact_areas=problem.contact_areas[sets.A_lambda],
+        cell_nodes=number[problem.cell_nodes[sets.cells]],
+        points=problem.points[nodes],
+    )
+    return Restriction(part, dofs, -csr_matrix(rows))
+
+
+@dataclass(frozen=True)
+class CellStiffness:
+    """K of some cells alone at any point, without boundary conditions, (N, N): no cell outside adds to an interface."""
+
+    part: Discretisation  # the discretisation with the bodies of these cells
+    terms: tuple[csr_matrix, ...]  # parts of K on the mesh of the scene
+    moduli: tuple[Modulus, ...]  # of the parts; empty if K is constant
+
+    @classmethod
+    def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:
+        """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``. Collective."""
+        part = _of_cells(full.discretisation, cells)
+        return cls(part, *_terms(part))
+
+    def at(self, point: np.ndarray) -> csr_matrix:
+        """K of the cells at a point, (P,)."""
+        terms = self.terms
+        if self.part.reshaped is not None:
+            with self.part.lying_at(point):
+                terms, _ = _terms(self.part)
+        if not self.moduli:
+            return terms[0]
+        return sum(modulus.value(point) * term for modulus, term in zip(self.moduli, terms, strict=True))
+
+
+def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """All rows of the parts of K."""
+    terms, moduli = part.stiffness_terms()
+    if part.group.size > 1:
+        terms = tuple(part.group.stacked(term) for term in terms)
+    return terms, moduli
+
+
+def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisation:
+    """The same discretisation, without bodies in all other cells."""
+    mesh = discretisation.mesh
+    tags = discretisation._cell_tags
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    first = sum(discretisation.group.gathered(owned)[: discretisation.group.number])
+    kept = np.isin(tags.indices, cells - first) & (tags.indices < owned)
+    part = copy(discretisation)
+    vars(part).pop("_stiffness_form", None)
+    part._cell_tags = meshtags(mesh, mesh.topology.dim, tags.indices[kept], tags.values[kept])
+    part._dx = ufl.Measure("dx", domain=mesh, subdomain_data=part._cell_tags)
+    part.common_pattern = None
+    return part
 
 
 class _OnRid(ABC):

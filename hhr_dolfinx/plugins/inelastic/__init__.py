@@ -57,7 +57,7 @@ PLUGIN = Plugin(
     memory=("gauss",),
     answers={"state": f"{_HERE}.state:state", "plastic_strain": f"{_HERE}.state:plastic_strain"},
     facets={
-        "scene": f"{_HERE}.scenes:SCENES",
+        "scene": f"{_HERE}.constants:SCENES",
         "full_order": f"{_HERE}.full_order:bodies_of",
         "store": f"{_HERE}.store:StoredGauss",
         "comparison": f"{_HERE}.reduction:COMPARISON",

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers, Size
-from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.linear.dense import lay_out
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.plugins.inelastic.state import state

@@ -114,7 +114,10 @@ class FlowingDomain:
 
         ``start`` is a cubature for fewer modes, or for a larger tolerance.
         """
-        few = _alike(stressed, ROWS // self.deviators.shape[2])
+        # few rows with nearly the same products as all, by the method of snapshots
+        squares, ways = linalg.eigh(stressed @ stressed.T)
+        count = min(int((squares > ALIKE_MODES**2 * squares[-1]).sum()), ROWS // self.deviators.shape[2])
+        few = ways[:, ::-1][:, :count].T @ stressed
         few = few.reshape(len(few), self.points.size, -1)
         pairs = np.triu_indices(self.deviators.shape[2])
 
@@ -150,13 +153,6 @@ class FlowingDomain:
 
 def _chunks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
-
-
-def _alike(states: np.ndarray, most: int) -> np.ndarray:
-    """Few rows with nearly the same products as many, (S, n) -> (r, n), by the method of snapshots."""
-    squares, ways = linalg.eigh(states @ states.T)
-    count = min(int((squares > ALIKE_MODES**2 * squares[-1]).sum()), most)
-    return ways[:, ::-1][:, :count].T @ states
 
 
 class StrainAt:

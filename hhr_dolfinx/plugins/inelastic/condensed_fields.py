@@ -15,7 +15,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Modulus, check_over_box
-from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.linear.dense import lay_out
 from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.parameters import ParameterSpace

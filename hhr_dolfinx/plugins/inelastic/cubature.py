@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.linear.growing import GrowingColumns
+from hhr_dolfinx.linear.dense import GrowingColumns
 
 LISTED = 1000
 """Approximate number of candidates on the short list: a block of so many columns fits into the cache."""

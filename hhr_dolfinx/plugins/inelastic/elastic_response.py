@@ -99,8 +99,11 @@ def correction_modes(
         found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes * weights)))
     values = np.concatenate([value for _, value in found])
     modes = np.concatenate([columns for columns, _ in found], axis=1)
-    order = np.argsort(-values)[:most]
-    return _orthonormal(problem, modes[:, order]), sizes
+    modes = modes[:, np.argsort(-values)[:most]]
+    for _ in range(2):  # orthonormal in energy, to round-off
+        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
+        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
+    return np.ascontiguousarray(modes), sizes
 
 
 def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
@@ -113,11 +116,3 @@ def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float)
     count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
     values = np.sqrt(squares[:count])
     return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values
-
-
-def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
-    """Basis of the same span, orthonormal in energy to round-off."""
-    for _ in range(2):
-        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
-        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
-    return np.ascontiguousarray(modes)

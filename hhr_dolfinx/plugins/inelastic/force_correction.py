@@ -25,7 +25,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
-from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
@@ -94,21 +94,16 @@ class ForceCorrection(Rebuilt):
             plastic_loads, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.inelastic))
             slack = self.gaps @ theta - np.tensordot(compliances, self.pressed, 1) @ theta
             slack -= self.per_force.T @ (compliances[self.parts] * plastic_loads)
-            yield self._corrected(answer, elastic, slack, forces)
-
-    def _corrected(
-        self, answer: Answer, elastic: SchurEqualities, slack: np.ndarray, forces: np.ndarray
-    ) -> CorrectedForces:
-        """Solve the elastic contact problem of a slack, from the statuses of an answer."""
-        found = active_set(elastic, slack, forces > 0, pairs=self._pairs)
-        if found.status is not Status.CONVERGED:
-            raise NotSolvableError(
-                f"the corrected contact problem at t = {answer.time:g} s has no solution: {found.status.value}"
-            )
-        error = float(np.linalg.norm(found.forces - forces))
-        size = float(np.linalg.norm(found.forces))
-        relative = error / size if size > 0 else (np.inf if error > 0 else 0.0)
-        return CorrectedForces(found.forces, error, relative)
+            # the elastic contact problem of the slack, from the statuses of the answer
+            found = active_set(elastic, slack, forces > 0, pairs=self._pairs)
+            if found.status is not Status.CONVERGED:
+                raise NotSolvableError(
+                    f"the corrected contact problem at t = {answer.time:g} s has no solution: {found.status.value}"
+                )
+            error = float(np.linalg.norm(found.forces - forces))
+            size = float(np.linalg.norm(found.forces))
+            relative = error / size if size > 0 else (np.inf if error > 0 else 0.0)
+            yield CorrectedForces(found.forces, error, relative)
 
     @cached_property
     def _pairs(self) -> Pairs:

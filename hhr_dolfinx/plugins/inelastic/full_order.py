@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +15,9 @@ from scipy.linalg.blas import daxpy
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Pairs
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -29,7 +29,6 @@ from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
-from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.outputs import FlowMises, mises
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
@@ -68,6 +67,33 @@ class GaussModel:
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
         return FullEquilibrium(full, self)
+
+
+class LazyStiffness(SparseStiffness):
+    """Stiffness whose columns of K^-1 B^T and S are solved for when their conditions first become active: tangents."""
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """See :class:`Stiffness`."""
+        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        return SchurEqualities(self._images, self.contact.shape[0])
+
+    def _images(self, index: np.ndarray) -> np.ndarray:
+        """Columns of S as rows, (k, m)."""
+        new = [k for k in index.tolist() if k not in self._known]
+        if new:
+            columns = self.columns(self.contact[new].T)
+            images = self.contact @ columns
+            for place, k in enumerate(new):
+                self._known[k] = columns[:, place], images[:, place]
+        return np.array([self._known[k][1] for k in index.tolist()]).reshape(index.size, self.contact.shape[0])
+
+    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces on conditions that have been active, (m,): (n,)."""
+        found = np.zeros(self.contact.shape[1])
+        for k in np.flatnonzero(forces).tolist():
+            found += forces[k] * self._known[k][0]
+        return found
 
 
 class FullEquilibrium(MeshEquilibrium):

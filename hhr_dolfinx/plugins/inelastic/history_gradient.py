@@ -23,7 +23,6 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium
 from hhr_dolfinx.plugins.inelastic.law import State, Update
-from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 STEP = 1e-5
@@ -115,7 +114,10 @@ class _Step:
             update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
-        _check_single(update, gauss_of(answer), number)
+        kept = gauss_of(answer).stress
+        apart = _largest(update.stress - kept)
+        if not apart <= SAME_STRESS * _largest(kept):
+            raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
         self._residual, sizes = there.residual(answer.unknown, update, theta)
         self._size = float(np.linalg.norm(sizes))
         assert update.tangents is not None  # asked for
@@ -209,13 +211,6 @@ class _Step:
         space = self._model.parameters
         point = self._answer.parameter + change
         return bool((point >= space.lower).all() and (point <= space.upper).all())
-
-
-def _check_single(update: Update, kept: GaussState, number: int) -> None:
-    """Raise ConvergenceError for a step whose stress is not that of a single step to its end."""
-    apart = _largest(update.stress - kept.stress)
-    if not apart <= SAME_STRESS * _largest(kept.stress):
-        raise _in_parts(number, f"its stress differs by {apart:.2g} from that of a single step")
 
 
 def _in_parts(number: int, why: str) -> ConvergenceError:

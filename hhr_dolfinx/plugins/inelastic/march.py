@@ -110,8 +110,12 @@ def march(
                 _march(model.at(path[0][1]), path, settings, history, known, keep)
         except Diverged as failure:
             step = len(history.answers) + 1
+            place = ""
+            if failure.worst is not None:
+                number = int(model.points[failure.worst])
+                place = f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
             raise ConvergenceError(
-                f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{_place(model, failure.worst)}. "
+                f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{place}. "
                 f"Take smaller steps; the {step - 1} steps before are kept"
             ) from None
     warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
@@ -198,14 +202,6 @@ def _uniform(
     gauss = GaussState(stress, State(*(np.full_like(part, value) for part in model.material.at_rest())))
     arrays = np.full(model.size, value), np.full(model.conditions, value), np.zeros(model.conditions, dtype=bool)
     return Answer(parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest)
-
-
-def _place(model, worst):
-    """Position of a Gauss point of the model in the full mesh, in words."""
-    if worst is None:
-        return ""
-    number = int(model.points[worst])
-    return f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
 
 
 def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +33,11 @@ def project_points(draft: Draft) -> None:
 
 
 def check_tangents(draft: Draft) -> None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
+    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic.
+
+    Raises:
+        UnstableModelError: if it is too small.
+    """
     shared = draft.shared
     full = equilibrium_of(shared.full)
     step = shared.recipe.tangents
@@ -42,7 +45,13 @@ def check_tangents(draft: Draft) -> None:
     with shared.log.stage("training_tangents", shared.task.announce):
         states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
     with shared.log.stage("stability", shared.task.announce):
-        draft.tangent_margin = check_margin(draft.model, states, step.least, draft.layers)
+        margin = min((tangent_margin(draft.model, *state) for state in states), default=1.0)
+        if not margin > step.least:
+            raise UnstableModelError(
+                f"with {draft.layers} layers a projected tangent at a training state has an eigenvalue of real part "
+                f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+            )
+        draft.tangent_margin = margin
 
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
@@ -94,19 +103,6 @@ def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
             states.append((tangents, full.at(here.parameter).stiffness(tangents)))
     return states
-
-
-def check_margin(
-    model: ReducedModel, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
-) -> float:
-    """Smallest tangent margin at training states, 1 in elastic ones; UnstableModelError if below ``least``."""
-    margin = min((tangent_margin(model, *state) for state in states), default=1.0)
-    if not margin > least:
-        raise UnstableModelError(
-            f"with {layers} layers a projected tangent at a training state has an eigenvalue of real part "
-            f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
-        )
-    return margin
 
 
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:

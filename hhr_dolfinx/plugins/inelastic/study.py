@@ -29,7 +29,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.plugins.studies.view import View
+    from hhr_dolfinx.plugins.studies.settings import View
 
 
 class Run(NamedTuple):
@@ -260,7 +260,9 @@ def measure_histories(
     measured = {}
     for name, model in models.items():
         try:
-            measured[name] = Measured.of((name, _setting(name, model)), full, model, found[name], known, floor)
+            facts = model.offline
+            setting = METHODS[name].setting if name == "HHR" else f"{facts.modes} modes, {facts.points} points"
+            measured[name] = Measured.of((name, setting), full, model, found[name], known, floor)
         except HHRError as error:
             refused[name] = error
     if not measured:
@@ -324,13 +326,6 @@ def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRErro
     if not models:
         raise refused["HHR"]
     return models, refused
-
-
-def _setting(method: str, model: Any) -> str:
-    """Text on a model in its row."""
-    if method == "HHR":
-        return METHODS[method].setting
-    return f"{model.offline.modes} modes, {model.offline.points} points"
 
 
 def _report(

@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import (
     TrainingWarning,
 )
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.parameters import ParameterSpace, check_counts, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
 from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 from hhr_dolfinx.reduction.build import build, check_given
@@ -30,7 +30,6 @@ from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected, warn
@@ -127,7 +126,10 @@ class Clusters:
         models = []
         for number in progress(range(self.count)):
             own = snapshots.take(members[number])
-            held_out = _held_out_of(training, choice, number)
+            held_out = training.held_out
+            if held_out is not None:
+                inside = np.flatnonzero(choice.many(held_out.points)[0] == number)
+                held_out = held_out.take(inside) if inside.size else None
             if len(own.points) < 2:
                 raise StudyError(
                     f"cluster {number} has {len(own.points)} solutions, and a model needs at least 2: take fewer "
@@ -190,7 +192,13 @@ class Clusters:
         from hhr_dolfinx.plugins.local.clusters import forest_tree, medoids
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
-        loaded, nearest = _loaded(snapshots, width)
+        loaded = np.flatnonzero(moving(snapshots.displacements))  # others have no direction
+        if not loaded.size:
+            raise StudyError(
+                "no training solution moves, so that none is like another one: train where bodies are loaded"
+            )
+        unit = snapshots.points / width
+        nearest = loaded[cKDTree(unit[loaded]).query(unit)[1]]
         labels[loaded] = medoids(snapshot_distances(snapshots.displacements[:, loaded]), self.count, self.seed)
         labels = labels[nearest]
         choice = forest_tree(snapshots.points, labels, space, self.seed)
@@ -223,15 +231,6 @@ def moving(columns: np.ndarray) -> np.ndarray:
     return sizes > STILL * sizes.max(initial=0.0)
 
 
-def _loaded(snapshots: SnapshotSet, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the snapshots that are not zero, which have a direction, and for each the nearest one of them."""
-    loaded = np.flatnonzero(moving(snapshots.displacements))
-    if not loaded.size:
-        raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
-    unit = snapshots.points / width
-    return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
-
-
 def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> np.ndarray:
     """Random points of the boxes of a model, (n, P); empty if it has no box."""
     width = np.array(space.upper) - space.lower
@@ -244,14 +243,6 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     chosen = rng.choice(len(boxes), DRAWN, p=volumes / volumes.sum())
     low = lows[chosen]
     return low + rng.random(low.shape) * (highs[chosen] - low)
-
-
-def _held_out_of(training: Training, choice: Choice, number: int) -> SnapshotSet | None:
-    """Held-out answers in a region; None without any."""
-    if training.held_out is None:
-        return None
-    inside = np.flatnonzero(choice.many(training.held_out.points)[0] == number)
-    return training.held_out.take(inside) if inside.size else None
 
 
 def together(

@@ -90,18 +90,13 @@ class Choice:
                 near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
             axis, cut, low, high, label = nodes[low if off <= 0 else high]
         for _, branch in sorted(near):
-            other = self._followed(branch, point)
+            axis, cut, low, high, other = nodes[branch]
+            while axis >= 0:
+                axis, cut, low, high, other = nodes[low if point[axis] <= cut else high]
             # both sides of a cut may belong to one model
             if other != label:
                 return label, other
         return label, LEAF
-
-    def _followed(self, node: int, point: Sequence[float]) -> int:
-        """Model of a point in the subtree of a node."""
-        axis, cut, low, high, label = self._nodes[node]
-        while axis >= 0:
-            axis, cut, low, high, label = self._nodes[low if point[axis] <= cut else high]
-        return label
 
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Models and second candidates of many points, (n, P): (n,) each."""

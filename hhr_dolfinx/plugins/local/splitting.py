@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import StudyError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.parameters import check_counts, is_number
 from hhr_dolfinx.plugins.local.clustered import (
     LocalFacts,
     above,
@@ -26,7 +26,6 @@ from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:

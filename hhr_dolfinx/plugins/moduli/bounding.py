@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,6 +16,7 @@ from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bound import Bounding
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.moduli.components import Component, Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
@@ -25,10 +26,6 @@ from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 from hhr_dolfinx.plugins.moduli.proved import PartStiffness
 from hhr_dolfinx.plugins.moduli.varying_bound import OF_ENERGY, PartEnergy, VaryingBound
 from hhr_dolfinx.timing import Announce, unannounced
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-
 
 GRID = GridSettings(1e-9, 150)
 """Interpolation of S and its energies: displacements are resolved up to the root of its tolerance."""

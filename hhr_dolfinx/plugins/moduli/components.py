@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
@@ -14,15 +14,12 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
+from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
 from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-
 
 LARGE = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the memory."""

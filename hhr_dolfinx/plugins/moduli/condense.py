@@ -121,7 +121,16 @@ class _Prepared(NamedTuple):
         with self.task.log.stage("compliances", self.task.announce):
             found = interpolated_compliances(full.problem, self.solvers, settings, announce=self.task.announce)
         compliances, grids, _ = found
-        _warn_of_budget(full, grids, settings)
+        worst = max((grid.surplus for grid in grids), default=0.0)
+        if worst > settings.tolerance:
+            warn(
+                f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} "
+                f"solutions, and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise "
+                "the budget, narrow the box, smooth formulas of moduli that jump or have spikes, or take the "
+                "hyper-reduced model",
+                StabilityWarning,
+                stacklevel=4,
+            )
         return compliances, grids
 
     def starts(self, compliances: Compliances, settings: GridSettings) -> tuple[KnownStatuses, np.ndarray]:
@@ -239,7 +248,9 @@ class Condensation(Reductor[_Prepared]):
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
             else:
-                completed = _no_fields(full, settings)
+                basis = np.zeros((problem.free.size, 0))
+                rest = None, problem.block_size, None, _outputs(full, basis, settings)
+                completed = InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = prepared.bounded(completed, forces, wanted=self.bound)
@@ -314,19 +325,6 @@ def _starts_along_paths(
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
 
-def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSettings) -> None:
-    """Warn of a grid that spent its budget before it converged."""
-    worst = max((grid.surplus for grid in grids), default=0.0)
-    if worst > settings.tolerance:
-        warn(
-            f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
-            f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
-            "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
-            StabilityWarning,
-            stacklevel=5,
-        )
-
-
 def _warn_of_untouched(solvers: list[Solver]) -> None:
     """Warn of loaded bodies without any contact: without snapshots nothing spans their fields."""
     problem = solvers[0].problem
@@ -357,14 +355,6 @@ def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Func
     return None if prepared is None else reshaped.interpolated_outputs(prepared, full.problem, basis, settings)
 
 
-def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
-    """Outputs of forces alone, without displacement."""
-    problem = full.problem
-    basis = np.zeros((problem.free.size, 0))
-    rest = None, problem.block_size, None, _outputs(full, basis, settings)
-    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
-
-
 def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
     """Galerkin's method on the span of displacements, (N, k) each, body by body; the list is emptied."""
     problem: ContactProblem = full.problem
@@ -373,7 +363,10 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.group)
     del displacements
     if problem.reshaped is not None:
-        basis = _of_energy(basis, problem)
+        # orthonormal in the energy of the middle: soft modes are then as exact as stiff ones
+        energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
+        kept = energies > 1e-12 * energies[-1]
+        basis = basis @ (ways[:, kept] / np.sqrt(energies[kept]))
     whole: Any = whole_problem(problem, basis, settings)
     galerkin: Any = BlockElimination(whole, problem.amplitudes)
     if problem.reshaped is not None:
@@ -390,13 +383,6 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
     finer = all(len(own.interpolant.levels) <= len(other.interpolant.levels) for own, other in pairs)
     numbers = sum(other.interpolant.modes.size + other.columns.size for _, other in pairs)
     return bound.compliances if finer and numbers <= FEW else compliances
-
-
-def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
-    """Modes of the same span, orthonormal in the energy of the middle: soft modes are then as exact as stiff ones."""
-    energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
-    kept = energies > 1e-12 * energies[-1]
-    return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
 
 
 def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:

@@ -169,7 +169,9 @@ class FormulaGrid:
         exact = self._exact
         if not (np.isfinite(known).all() and np.isfinite(exact).all()):
             return np.inf
-        left = values_between(levels, known, self._scaled(self._points_along)) - exact
+        lower, upper = np.array([self.space.lower, self.space.upper])[:, self.part.axes]
+        scaled = 2 * (self._points_along[:, self.part.axes] - lower) / (upper - lower) - 1
+        left = values_between(levels, known, scaled) - exact
         return float((np.abs(left).max(axis=0) / np.abs(exact).max(axis=0)).max(initial=0.0))
 
     @cached_property
@@ -205,8 +207,3 @@ class FormulaGrid:
     def _inverses(self, points: np.ndarray) -> np.ndarray:
         """f_κ at points, (n, P): (n, k)."""
         return 1 / (self.part.weights(points) @ self._shares)
-
-    def _scaled(self, points: np.ndarray) -> np.ndarray:
-        """Coordinates along the axes in [-1, 1]^d, (n, d)."""
-        lower, upper = np.array([self.space.lower, self.space.upper])[:, self.part.axes]
-        return 2 * (points[:, self.part.axes] - lower) / (upper - lower) - 1

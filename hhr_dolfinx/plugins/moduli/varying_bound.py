@@ -158,7 +158,8 @@ class VaryingBound(Rebuilt):
         """γ^T V^T K V γ, (n,), γ^T V^T loads θ, (n,), and B V γ, (n, m), of many γ, (n, ell)."""
         whole = self.whole
         if not isinstance(whole, ReducedProblem):
-            found = [_field(whole(point), *given) for point, *given in zip(points, unknown, theta, strict=True)]
+            parts = zip(map(whole, points), unknown, theta, strict=True)
+            found = [(u @ one.stiffness @ u, u @ one.loads @ own, one.contact_trial @ u) for one, u, own in parts]
             return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
         assert whole.terms is not None
         weights = many_weights(whole.terms.moduli, points)
@@ -173,24 +174,12 @@ class VaryingBound(Rebuilt):
         return energies, pulled, unknown @ whole.contact_trial.T
 
 
-def _field(problem: ReducedProblem, gamma: np.ndarray, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """The same arrays for one answer, on a problem of constant stiffness."""
-    return float(gamma @ problem.stiffness @ gamma), float(gamma @ problem.loads @ theta), problem.contact_trial @ gamma
-
-
 class _Energies(NamedTuple):
     """Energies of fields in equilibrium, (n,) each."""
 
     homogeneous: np.ndarray  # of the part that vanishes on imposed dofs, f^T K^-1 f
     size: np.ndarray  # of the whole field, including the lift
     scale: np.ndarray  # of the sums of their terms, which determines round-off
-
-
-def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of nonzero terms in each of some rows, (n, T), padded to the same number, and their weights, (n, k)."""
-    count = int(np.count_nonzero(weights, axis=1).max(initial=0))
-    used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
-    return used, np.take_along_axis(weights, used, 1)
 
 
 class VaryingThere(NamedTuple):
@@ -274,8 +263,11 @@ class VaryingThere(NamedTuple):
             weights = found.theta[:, part.terms]
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
-            used, acting = _acting(weights)
-            # of hundreds of columns of a partial pressure three act; mode by mode, to limit memory
+            # of hundreds of columns of a partial pressure three act: indices of these, padded to the same number
+            count = int(np.count_nonzero(weights, axis=1).max(initial=0))
+            used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
+            acting = np.take_along_axis(weights, used, 1)
+            # mode by mode, to limit memory
             pairs = used[:, :, None], used[:, None, :]
             work = sum(share[:, None, None] * mode[pairs] for share, mode in zip(along.T, energy.work, strict=True))
             done = np.einsum("nst,nt->ns", work, acting)

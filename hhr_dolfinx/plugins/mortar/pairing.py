@@ -19,11 +19,11 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
     check_facing,
+    looking,
     mean_normal,
     normalised,
     tangential_order,
@@ -92,7 +92,11 @@ class Mortar:
         idle = ~np.isin(slave.nodes, rows.slaves)
         if idle.any():
             if self.normal is None:
-                looks = opposed(slave, master, 0.0).overhanging & ~_hidden(slave, every, seen)
+                count = len(slave.facets)
+                whole, left = (np.bincount(some.slave, some.measures, count) for some in (every, seen))
+                hidden = np.zeros(len(slave.nodes), dtype=bool)  # in part, by a body between
+                hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
+                looks = opposed(slave, master, 0.0).overhanging & ~hidden
             else:
                 looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING)[0]
             warn_beyond_edge(slave, master, idle & looks)
@@ -121,7 +125,11 @@ class Mortar:
             # projected along the normal the surfaces are flat, and facets that face each other overlap
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = _near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
-        pairs = _opposite(slave, master, directions, *pairs, cosine)
+        here, there = pairs
+        # the slave looks along its direction of projection, and the master against it
+        opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
+        opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
+        pairs = _overlapping(slave, master, directions, here[opposite], there[opposite])
         every = common_parts(slave, master, directions, *pairs)
         if not every.measures.size:
             raise NeverFacingError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
@@ -141,7 +149,10 @@ class Mortar:
         by_facet = _summed(tested, segments.slave, len(slave.facets))
         area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
         if self.normal is None:
-            normals = _facing_normals(slave, by_facet)
+            # averaged over the parts that face the master: at a corner only one side does
+            normals = np.zeros_like(slave.points)
+            np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
+            normals = normalised(normals)
             least = FACING
         else:
             normals = np.tile(unit(self.normal, slave.points.shape[1]), (n, 1))
@@ -186,15 +197,6 @@ def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> Non
         )
 
 
-def _opposite(
-    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray, cosine: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
-    opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
-    opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
-    return _overlapping(slave, master, directions, here[opposite], there[opposite])
-
-
 def _overlapping(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -228,16 +230,6 @@ def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, 
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
     return Segments(*(part[seen] for part in segments))
-
-
-def _hidden(slave: Surface, segments: Segments, seen: Segments) -> np.ndarray:
-    """Slave nodes of facets that a body between hides in part, (n,) bool."""
-    count = len(slave.facets)
-    parts = (np.bincount(some.slave, some.measures, count) for some in (segments, seen))
-    whole, left = parts
-    hidden = np.zeros(len(slave.nodes), dtype=bool)
-    hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
-    return hidden
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
@@ -287,16 +279,6 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
     keys = here * facets + there
     begins = np.flatnonzero(np.diff(keys, prepend=-1))
     return keys[begins], np.repeat(np.arange(begins.size), np.diff(begins, append=keys.size))
-
-
-def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
-    """Normals of the slave nodes, averaged over the parts that face the master: at a corner only one side does.
-
-    ``by_facet`` holds the integrals of the multiplier functions over these parts, (f, k).
-    """
-    normals = np.zeros_like(slave.points)
-    np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
-    return normalised(normals)
 
 
 def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:

@@ -99,7 +99,10 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
 
 def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
     """Common parts of facets in space, projected along the direction of the slave facet and cut into triangles."""
-    frames = _frames(directions)[here]
+    # two unit vectors orthogonal to each direction, (f, 3, 2)
+    first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frames = np.stack([first, np.cross(directions, first)], axis=2)[here]
     sides = ((slave, here), (master, there))
     flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
     # facets that overlap by round-off alone have no common part
@@ -223,11 +226,3 @@ def _skewness(corners: np.ndarray) -> np.ndarray:
         return np.zeros(len(corners))
     skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]
     return np.linalg.norm(skew, axis=1) / np.linalg.norm(corners[:, 3] - corners[:, 0], axis=1)
-
-
-def _frames(directions: np.ndarray) -> np.ndarray:
-    """Two unit vectors orthogonal to each direction, (f, 3, 2)."""
-    other = np.eye(3)[np.abs(directions).argmin(axis=1)]
-    first = np.cross(directions, other)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=2)

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from hhr_dolfinx.pairings.sides import looking
-from hhr_dolfinx.pairings.surface import Surface, normalised
+from hhr_dolfinx.pairings.surface import Surface, looking, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
 
 FACING = 0.1
@@ -53,7 +52,9 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
         facing = looking(slave, normals, FACING)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
     # a back side lies behind its partner by the thickness of both bodies, and no body is thinner than a cell
-    deepest = np.maximum(_node_depths(slave), master.depths[closest.facets]) * (1 - ROUND_OFF)
+    smallest = np.full(len(slave.nodes), np.inf)  # depth of the facets at each node
+    np.minimum.at(smallest, slave.facets, slave.depths[:, None])
+    deepest = np.maximum(smallest, master.depths[closest.facets]) * (1 - ROUND_OFF)
     behind = depth > deepest + overlap
     beyond = _beyond(master, closest)
     overhanging = facing & ~behind & beyond
@@ -61,13 +62,6 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
     deeper = depth[others] > FACING * np.linalg.norm(closest.offsets[others], axis=1)
     overhanging[others[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
-
-
-def _node_depths(surface: Surface) -> np.ndarray:
-    """Smallest depth of the facets at each node, (n,)."""
-    smallest = np.full(len(surface.nodes), np.inf)
-    np.minimum.at(smallest, surface.facets, surface.depths[:, None])
-    return smallest
 
 
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:

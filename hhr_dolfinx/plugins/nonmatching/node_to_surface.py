@@ -11,11 +11,11 @@ import numpy as np
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError
-from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
     check_facing,
+    looking,
     mean_normal,
     nodal_rows,
     tangential_order,
@@ -101,7 +101,10 @@ class NodeToSurface:
             kept, closest, normals, areas = _closest(slave, master, overlap)
         else:
             kept, closest, normals, areas = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes, weights = _displaced(master, closest.facets, closest.weights)
+        nodes, weights = master.facets[closest.facets], closest.weights
+        if master.quadratic is not None:  # the displacement has other functions than the flat parts of the facets
+            whole, weights = master.quadratic.functions(closest.facets, weights)
+            nodes = master.quadratic.nodes[whole]
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
@@ -126,17 +129,6 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
             f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the slave is not far "
             "finer: node to surface has pressures wrong at single nodes, by as much as they are. Take Mortar"
         )
-
-
-def _displaced(surface: Surface, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the functions of the displacement, and their values, (m, K) each, at points of facets, (m, k).
-
-    On facets of second order these functions are not those of the flat parts on which the points were found.
-    """
-    if surface.quadratic is None:
-        return surface.facets[facets], weights
-    whole, values = surface.quadratic.functions(facets, weights)
-    return surface.quadratic.nodes[whole], values
 
 
 def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:

@@ -50,6 +50,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
@@ -60,7 +61,6 @@ from hhr_dolfinx.plugins.paths.path_families import PathFamily
 from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes, ways
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
@@ -409,7 +409,11 @@ def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple
             f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
         )
         return np.maximum(worst, seen), known, math.nan
-    return _seen(context, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
+    if not said:
+        return _seen(context, model, None)
+    relative = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
+    worst_first = np.argsort(-np.max(relative, axis=0), kind="stable")
+    return _seen(context, model, points[worst_first[: FRESH // 2]])
 
 
 def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
@@ -473,12 +477,6 @@ def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.
         if errors is not None:
             found[name] = np.where(np.isnan(errors), np.inf, errors)
     return found
-
-
-def _worst_first(said: dict[str, np.ndarray]) -> np.ndarray:
-    """Numbers of points, first those with the largest error relative to the median one."""
-    beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
-    return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
 def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:

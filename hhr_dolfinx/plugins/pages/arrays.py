@@ -45,8 +45,10 @@ def check_model(model: object, what: str = "a page") -> None:
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
     ):
+        own = getattr(model, "eliminated", None)
+        kind = f"a {type(model).__name__}" + ("" if own is None else f" with {type(own).__name__}")
         raise NotOfferedError(
-            f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
+            f"{what} answers by all contact conditions, and {kind} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.law.plugin:
@@ -90,11 +92,6 @@ def page_of(law: ContactLaw, what: str) -> LawOnPage:
 def flows(model: object) -> bool:
     """True for a model with inelastic bodies."""
     return isinstance(model, KeptModel) and model.equilibrium is not None
-
-
-def _kind(model: object) -> str:
-    eliminated = getattr(model, "eliminated", None)
-    return f"a {type(model).__name__}" + ("" if eliminated is None else f" with {type(eliminated).__name__}")
 
 
 def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -201,19 +198,14 @@ def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str
     found = []
     missing = []
     for number, item in enumerate(items):
-        if not _is_read(fields, item, inelastic=flows(model)):
+        # from forces at constant shape, or from displacements with known maps
+        known = not item.count or isinstance(fields, ExactFields) or flows(model)
+        if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded) or not known:
             missing.append(item.name)
             continue
         own = _linear(model, item, number, arrays) if isinstance(item, Linear) else _of_forces(item, number, arrays)
         found.append({"name": item.name, "unit": item.unit} | own)
     return found, missing
-
-
-def _is_read(fields: Any, item: Any, *, inelastic: bool) -> bool:
-    """True if a page can compute an output: from forces at constant shape, or from displacements with known maps."""
-    if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded):
-        return False
-    return not item.count or isinstance(fields, ExactFields) or inelastic
 
 
 def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:

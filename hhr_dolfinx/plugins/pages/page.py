@@ -82,21 +82,18 @@ def check_for_page(model: object) -> None:
     _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
 
 
-def _check_size(count: int, model: object) -> None:
+def _check_size(count: int, model: Any) -> None:
     if count > MOST_BYTES:
+        size = f"{model.conditions} contact conditions"
+        if flows(model):
+            size += (
+                f", {len(model.flow.per_mode)} modes and {model.flow.points.size} points at which laws are evaluated"
+            )
         raise NotOfferedError(
             f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
-            f"{_size(model)} are too many. Take a coarser mesh for the page"
+            f"{size} are too many. Take a coarser mesh for the page"
             + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
         )
-
-
-def _size(model: Any) -> str:
-    conditions = f"{model.conditions} contact conditions"
-    if not flows(model):
-        return conditions
-    flow = model.flow
-    return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
 
 
 def page_text(model: Any, scenery: Scenery) -> str:

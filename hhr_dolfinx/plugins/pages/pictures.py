@@ -131,7 +131,11 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
     fields = model.fields
     if isinstance(fields, ExactFields) and model.law.remembers:
         return Split(_walked(model), 0), partial(_exact, model)
-    corners = _corners(model)
+    count = len(model.parameters.names)
+    ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))  # a random choice if there are many corners
+    if 2**count <= CORNERS:
+        ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
+    corners = np.where(ends, model.parameters.upper, model.parameters.lower)
     if isinstance(fields, ExactFields):
         points = np.vstack([model.parameters.random(SEEN, 0), corners])
         return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
@@ -182,16 +186,6 @@ def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pac
     if fields.floats:
         tree["motions"] = arrays.put(f"{drawn.name}_motions", ways.T @ (drawn.rows @ model.eliminated.modes), "<f4")
     return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
-
-
-def _corners(model: Any) -> np.ndarray:
-    """Corners of the box, (c, P); a random choice if there are many."""
-    space = model.parameters
-    count = len(space.names)
-    ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))
-    if 2**count <= CORNERS:
-        ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
-    return np.where(ends, space.upper, space.lower)
 
 
 def _walked(model: Any) -> Iterable[Answer]:

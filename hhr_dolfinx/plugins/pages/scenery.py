@@ -172,7 +172,9 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
     """
     if len(scenery.points) <= most:
         return scenery
-    bodies = _bodies(scenery)
+    rows, columns = np.concatenate([scenery.triangles[:, :2], scenery.triangles[:, 1:]]).T
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=2 * (len(scenery.points),))
+    bodies = connected_components(graph, directed=False)[1]
     low = scenery.points.min(axis=0)
     size = float(np.ptp(scenery.points, axis=0).max())
     count = int(4 * most**0.5)  # squares across; fewer until few enough contain a node
@@ -198,13 +200,6 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
         strains=None if scenery.strains is None else scenery.strains.of_triangles(whole),
         owners=None if scenery.owners is None else scenery.owners[whole],
     )
-
-
-def _bodies(scenery: Scenery) -> np.ndarray:
-    """Number of the connected component of each node, (n,)."""
-    rows, columns = np.concatenate([scenery.triangles[:, :2], scenery.triangles[:, 1:]]).T
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=2 * (len(scenery.points),))
-    return connected_components(graph, directed=False)[1]
 
 
 def _whole(pieces: np.ndarray) -> np.ndarray:

@@ -84,7 +84,9 @@ class _Walk:
         if kind in _SAME:
             return self.value(operands[0], place, free)
         if kind == "Indexed":
-            return self.value(operands[0], tuple(_number(index, free) for index in operands[1]), free)
+            fixed = ((index, type(index).__name__ == "FixedIndex") for index in operands[1])
+            numbers = tuple(int(index) if known else free[index.count()] for index, known in fixed)
+            return self.value(operands[0], numbers, free)
         if kind == "ComponentTensor":
             bound = {index.count(): number for index, number in zip(operands[1], place, strict=True)}
             return self.value(operands[0], (), free | bound)
@@ -112,7 +114,3 @@ class _Walk:
             f"{kind} is no operation of a program, in {str(part)[:80]}: state it by sums, products, powers, roots, "
             "exponentials, angles, conditionals, and the symbols that were given"
         )
-
-
-def _number(index: Any, free: dict[int, int]) -> int:
-    return int(index) if type(index).__name__ == "FixedIndex" else free[index.count()]

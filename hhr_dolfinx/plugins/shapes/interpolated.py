@@ -36,11 +36,15 @@ def reshaped_functionals(
     base = prepared.at(problem.middle).items
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        found = {}
+        found: dict[str, np.ndarray] = {}
         for place, item in enumerate(prepared.at(point).items):
             _check_alike(base[place], item)
-            for name, array in _arrays(item, columns).items():
-                found[f"{place} {name}"] = array
+            smooth = {
+                name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)
+            }
+            found |= {f"{place} {name}": array for name, array in smooth.items()}
+            if not isinstance(item, MovingMises) and item.count:
+                found[f"{place} {ROWS}"] = item.matrix(len(columns)) @ columns
         return found
 
     finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
@@ -67,14 +71,6 @@ def _own(item: Functional) -> dict[str, Any]:
 def _smooth(value: object) -> bool:
     """True if a field is interpolated."""
     return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
-
-
-def _arrays(item: Functional, columns: np.ndarray) -> dict[str, np.ndarray]:
-    """Interpolated arrays of an output, by name."""
-    found = {name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)}
-    if not isinstance(item, MovingMises) and item.count:
-        found[ROWS] = item.matrix(len(columns)) @ columns
-    return found
 
 
 def _check_alike(base: Functional, item: Functional) -> None:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
@@ -17,11 +17,16 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
+from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.plugins.shapes.cells import Middles, MovingCells
 from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
-from hhr_dolfinx.plugins.shapes.system import ReassembledSystem
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Theta
+    from hhr_dolfinx.contact.stiffness import Stiffness
+    from hhr_dolfinx.full_order.system import Parts
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -29,6 +34,36 @@ MOST_BYTES = 5e8
 """Memory for problems of previous shapes."""
 TRIED = 32
 """Number of points, in addition to the corners of the box, at which maps are checked."""
+
+
+DIFFERENCE = 1e-5
+"""Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
+round-off of the assembly dominates."""
+
+
+class ReassembledSystem(System):
+    """Assembled on the mesh of each point, with other rows and gaps; ``problem.reshaped`` has its parts."""
+
+    def parts(self) -> Parts:
+        """See :class:`System`."""
+        return self.problem.moduli, self.problem.stiffness_terms
+
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """See :class:`System`."""
+        problem = self.problem.at(point)
+        return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
+
+    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`System`; by central differences of the equations on slightly displaced meshes."""
+
+        def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
+            problem = self.problem.at(displaced)
+            theta = problem.amplitudes(displaced)
+            residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+            return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
+
+        found = self.problem.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        return found[: unknown.size], found[unknown.size :]
 
 
 class Reshaped:

@@ -20,8 +20,7 @@ from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
-from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
-from hhr_dolfinx.plugins.sliding.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, SurfaceDofs, layout, nodes_of, renumbered
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored

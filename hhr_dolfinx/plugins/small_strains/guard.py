@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.full import Guard
+from hhr_dolfinx.models.full import FullModel, Guard
 from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, StrainKind, spread_strain, strain_kinds
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.model import AnsweringModel
 
 

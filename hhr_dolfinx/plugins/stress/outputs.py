@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.outputs import NamedOutput
+from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals.functional import Functional
-    from hhr_dolfinx.outputs import ModelProbe
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ _HERE = "hhr_dolfinx.plugins.studies"
 PLUGIN = Plugin(
     name="studies",
     public={
-        f"{_HERE}.settings": "StudySettings",
+        f"{_HERE}.settings": "StudySettings View",
         f"{_HERE}.study": "Rival run_study study_scene",
-        f"{_HERE}.view": "View",
     },
     commands={"study": f"{_HERE}.commands:study", "report": f"{_HERE}.commands:report"},
     tools={"settings": f"{_HERE}.settings:StudySettings"},

@@ -27,9 +27,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from dataclasses import replace
 
     from hhr_dolfinx.command.loading import beside, scene_of, value_of
-    from hhr_dolfinx.plugins.studies.settings import StudySettings
+    from hhr_dolfinx.plugins.studies.settings import StudySettings, View
     from hhr_dolfinx.plugins.studies.study import study_scene
-    from hhr_dolfinx.plugins.studies.view import View
 
     console, progress = spoken()
     made = scene_of(scene)

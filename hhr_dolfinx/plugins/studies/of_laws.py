@@ -15,7 +15,7 @@ from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.studies.advice import Advice
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.plugins.studies.settings import View
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.training.train import Progress, Training
 

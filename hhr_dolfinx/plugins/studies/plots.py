@@ -22,7 +22,7 @@ from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.studies.of_laws import study_of
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.plugins.studies.settings import View
 from hhr_dolfinx.units import Units
 
 # files only: without a display VTK would first look for an X server and print an error
@@ -65,34 +65,6 @@ class _Field(NamedTuple):
     title: str
     colours: str
     ends: tuple[float, float]
-
-
-def draw_fields(
-    grid: pyvista.UnstructuredGrid,
-    view: View,
-    fields: dict[str, np.ndarray],
-    cells: dict[str, dict[str, np.ndarray]],
-    folder: Path,
-) -> None:
-    """Write ``fields.vtu`` and a picture of the RID and of scalar fields of two models, with their difference.
-
-    The grid has displacements by model and the RID; ``cells`` has values of cells by quantity and model.
-    """
-    points: dict[str, dict[str, np.ndarray]] = {}
-    if view.component is not None:
-        component, label = view.component
-        points[label] = {model: grid.point_data[model][:, component] for model in fields}
-    for data, found in ((grid.point_data, points), (grid.cell_data, cells)):
-        for quantity, models in found.items():
-            for model, values in models.items():
-                data[f"{quantity}, {model}"] = values
-            first, *_, last = models
-            data[f"{quantity}, difference"] = models[last] - models[first]
-    grid.save(folder / "fields.vtu")
-    warped = {model: grid.warp_by_vector(model) if view.deformed else grid for model in fields}
-    rows = [list(_row(quantity, models, warped)) for quantity, models in (points | cells).items()]
-    # the RID is drawn on the deformed mesh of the last model, every field on that of its model
-    _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
 
 
 def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]) -> Iterator[_Field]:
@@ -201,6 +173,7 @@ def _draw_answers(
     folder: Path,
     method: str = "HHR",
 ) -> None:
+    """Pressures of all contacts, then ``fields.vtu`` and a picture of the RID, fields, and their difference."""
     problem = full.problem
     view = in_units(view, full.scene.units)
     panels = [
@@ -218,7 +191,22 @@ def _draw_answers(
     else:
         cells |= laws.fields(full, answers, view)
     where = model.offline.sets.cells if laws is None else laws.cells(model)
-    draw_fields(field_grid(full, where, fields), view, fields, cells, folder)
+    grid = field_grid(full, where, fields)
+    points: dict[str, dict[str, np.ndarray]] = {}
+    if view.component is not None:
+        component, label = view.component
+        points[label] = {name: grid.point_data[name][:, component] for name in fields}
+    for data, found in ((grid.point_data, points), (grid.cell_data, cells)):
+        for quantity, models in found.items():
+            for name, values in models.items():
+                data[f"{quantity}, {name}"] = values
+            first, *_, last = models
+            data[f"{quantity}, difference"] = models[last] - models[first]
+    grid.save(folder / "fields.vtu")
+    warped = {name: grid.warp_by_vector(name) if view.deformed else grid for name in fields}
+    rows = [list(_row(quantity, models, warped)) for quantity, models in (points | cells).items()]
+    # the RID is drawn on the deformed mesh of the last model, every field on that of its model
+    _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
 
 
 def in_units(view: View, units: Units | None) -> View:

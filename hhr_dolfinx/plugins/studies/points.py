@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import gc
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import HHRError, NotOfferedError
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
@@ -19,11 +21,12 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
-from hhr_dolfinx.plugins.studies.queries import time_queries
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.train import Progress, Training
+from hhr_dolfinx.timing import now
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
@@ -36,6 +39,54 @@ Queries = dict[str, Callable[[np.ndarray], Any]]
 """Queries of a parameter by name."""
 Times = dict[str, np.ndarray]
 """Seconds per query by name."""
+
+
+WARM_UP = 5
+"""Queries before the measurement."""
+
+
+def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray) -> dict[str, np.ndarray]:
+    """Seconds per query of each model at every point, (len(points) minus a warm-up,), on one thread.
+
+    No point is repeated, so that caches help no more than in use. The models alternate in blocks, so that a disturbance
+    of the machine affects all of them. A query without an answer counts with its time.
+    """
+    if len(points) <= WARM_UP:
+        raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
+    measured = points[WARM_UP:]
+    times: dict[str, list[float]] = {name: [] for name in models}
+    with one_thread, _settled_memory():
+        for solve in models.values():
+            for point in points[:WARM_UP]:
+                _query(solve, point)
+        for block in np.array_split(measured, min(5, len(measured))):
+            for name, solve in models.items():
+                gc.collect()
+                gc.disable()
+                try:
+                    for point in block:
+                        start = now()
+                        _query(solve, point)
+                        times[name].append(now() - start)
+                finally:
+                    gc.enable()
+    return {name: np.array(values) for name, values in times.items()}
+
+
+def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
+    with suppress(ConvergenceError, NotSolvableError):
+        solve(point)
+
+
+@contextmanager
+def _settled_memory() -> Iterator[None]:
+    """Exclude existing objects from garbage collection in a block, which would take 0.1 s for each measurement."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def measure_points(

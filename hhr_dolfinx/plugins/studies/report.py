@@ -228,8 +228,12 @@ def print_report(report: Report, console: Console) -> None:
         # the error of the mesh is the scale of all others; numbers where nothing estimates it any more
         place = registry.named("public").get("MeshError")
         console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
-    if report.get("time_error", {}).get("max"):
-        console.print(_time_error_in_words(report["time_error"]))
+    if (row := report.get("time_error", {})).get("max"):
+        how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
+        console.print(
+            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate "
+            f"(median of the histories), {row['max']:.2%} at worst; small models take the same ones"
+        )
     if "advice" in report:
         console.print(report["advice"])
     for item in report["refused_before"]:
@@ -253,14 +257,6 @@ def _sizes_in_words(report: Report) -> str:
         f"{head} -> {size['ell_bar']} modes, "
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
         f"{size['snapshots']} snapshots; {constants}"
-    )
-
-
-def _time_error_in_words(row: Report) -> str:
-    how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
-    return (
-        f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
-        f"the histories), {row['max']:.2%} at worst; small models take the same ones"
     )
 
 

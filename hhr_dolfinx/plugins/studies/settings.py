@@ -1,15 +1,44 @@
-"""Settings of a training and of a study, which a scene's file may hold: ``SETTINGS``, or a function of that name."""
+"""Settings of a study and of its pictures, which a scene's file may hold: ``SETTINGS``, ``VIEW``, or such functions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from hhr_dolfinx.errors import StudyError
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.study.training.counts import check_counts
+
+
+@dataclass(frozen=True)
+class View:
+    """Settings of the pictures of a scene.
+
+    Attributes:
+        points: parameters whose contact pressures are drawn; fields are those of the last.
+        position: maps the points of contact conditions, (m, dim), to positions along the surface, (m,), for
+            the pair drawn, or the first. None, and on other pairs, is the coordinate along which a surface is longest.
+        label: name of that position, with its unit; None for the coordinate, in the unit of the scene.
+        component: displacement component drawn, and its name with unit; None for no component.
+        stress: unit of stress; None for that of the scene.
+        pair: contact pair drawn, counted from 0; None for all of them, side by side.
+        closed_form: maps these positions and the total force of the pair to pressures drawn for comparison, for elastic
+            scenes; None for none.
+        deformed: draw fields on the deformed mesh.
+    """
+
+    points: tuple = ()
+    position: Callable[[np.ndarray], np.ndarray] | None = None
+    label: str | None = None
+    component: tuple[int, str] | None = None
+    stress: str | None = None
+    pair: int | None = None
+    closed_form: Callable[[np.ndarray, float], np.ndarray] | None = None
+    deformed: bool = False
 
 
 @dataclass(frozen=True)

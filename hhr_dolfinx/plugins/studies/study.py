@@ -20,17 +20,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
 from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
-from hhr_dolfinx.plugins.studies.settings import StudySettings
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.training.train import (
-    Progress,
-    Training,
-    checked_folder,
-    silent,
-    train,
-    training_paths,
-)
+from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train, training_paths
 from hhr_dolfinx.warn import collected
 
 

@@ -53,9 +53,14 @@ class Substructures:
         if not self.possible:
             return
         self._among = _between(marks[self._edge], self._border.place, pattern.places)
+        # interior rows by the part of the border that they are connected to, which avoids Schur complements with zeros;
+        # small parts form one group
+        inside = np.flatnonzero(at < 0)
+        sizes = np.array([part.size for part in self._border.parts] + [0])
+        label = np.where(sizes[self._border.part_of] < SMALL, -1, self._border.part_of)
         self._insides = [
-            _Inside(marks, pattern.places, values, first, rows, self._border, prefix, low_rank)
-            for rows in _groups(np.flatnonzero(at < 0), self._border)
+            _Inside(marks, pattern.places, values, first, inside[label == part], self._border, prefix, low_rank)
+            for part in np.unique(label)
         ]
         self.possible = comm.allreduce(all(inside.possible for inside in self._insides), MPI.LAND)
         self._values = values[self._among.places]
@@ -217,16 +222,6 @@ class _Inside:
         found = np.empty_like(block)
         self.factors.multiply(block, found)
         return found
-
-
-def _groups(inside: np.ndarray, border: Border) -> list[np.ndarray]:
-    """Interior rows by the part of the border that they are connected to, which avoids Schur complements with zeros.
-
-    Small parts form one group.
-    """
-    sizes = np.array([part.size for part in border.parts] + [0])
-    label = np.where(sizes[border.part_of] < SMALL, -1, border.part_of)
-    return [inside[label == part] for part in np.unique(label)]
 
 
 def _between(edges: csr_matrix, place: np.ndarray, places: np.ndarray) -> Pattern:

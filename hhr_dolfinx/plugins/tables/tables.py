@@ -134,7 +134,11 @@ def answer_table(
     if rank == 0:
         good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
         console.print(f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}", markup=False)
-        _print_bad(console, rows, bad)
+        for number, why in bad[:SHOWN]:
+            row = rows[number]
+            console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
+        if len(bad) > SHOWN:
+            console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
     return count
 
 
@@ -256,14 +260,6 @@ class _Blocks:
         self._clear()
         sums = {head: sum(own[head] for _, own, _ in reports) for head in reports[0][1]}
         return [(row, why) for bad, *_ in reports for row, why in bad], sums
-
-
-def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
-    for number, why in bad[:SHOWN]:
-        row = rows[number]
-        console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
-    if len(bad) > SHOWN:
-        console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
 
 
 def write_answers(

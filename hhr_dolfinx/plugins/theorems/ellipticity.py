@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,9 +17,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.constants import DENSE, extreme_eigenvalue
 from hhr_dolfinx.errors import BoundError, NotSolvableError
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.full import FullModel
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import ufl
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
@@ -15,9 +16,6 @@ from hhr_dolfinx.forms import volume
 from hhr_dolfinx.formulas import Formula, formula_of
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
-
-if TYPE_CHECKING:
-    import ufl
 
 ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Isotropic strain of 1 along each axis."""

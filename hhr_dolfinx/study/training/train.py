@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -16,22 +16,19 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import Group, group_of, share
+from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.shown import Shown, counted
-from hhr_dolfinx.parameters import is_whole
+from hhr_dolfinx.parameters import check_counts, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.model import KeptModel
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""

@@ -25,9 +25,9 @@ from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, Stu
 from hhr_dolfinx.geometries import stacked_blocks
 from hhr_dolfinx.plugins.greedy import greedy as module
 from hhr_dolfinx.plugins.greedy import indicators
-from hhr_dolfinx.plugins.greedy.cell_stiffness import CellStiffness
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.greedy import independent
+from hhr_dolfinx.plugins.greedy.indicators import CellStiffness
 from hhr_dolfinx.study.training.train import silent, train
 
 QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)

@@ -11,8 +11,7 @@ from scipy.sparse import issparse
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.greedy.indicators import _Domain
-from hhr_dolfinx.plugins.greedy.restriction import restricted
+from hhr_dolfinx.plugins.greedy.indicators import _Domain, restricted
 from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
 
 

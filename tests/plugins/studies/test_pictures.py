@@ -6,8 +6,8 @@ import pytest
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, StudyError
 from hhr_dolfinx.plugins.studies.plots import along, in_units
-from hhr_dolfinx.plugins.studies.queries import WARM_UP, time_queries
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.plugins.studies.points import WARM_UP, time_queries
+from hhr_dolfinx.plugins.studies.settings import View
 
 WIDE = np.array([[0.0, 1.0], [4.0, 1.1], [2.0, 1.0]])
 
