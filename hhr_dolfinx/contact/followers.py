@@ -28,7 +28,7 @@ class Followers:
         """Independent dofs, N of them."""
         return cls(np.zeros(size, dtype=bool))
 
-    def moved(self, fields: np.ndarray) -> np.ndarray:
+    def expanded(self, fields: np.ndarray) -> np.ndarray:
         """T V of fields that are zero on the followers, (N, ...)."""
         return fields if self.map is None else self.map @ fields
 
@@ -64,9 +64,9 @@ class Followers:
             found.append(csr_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape))
         return tuple(found)
 
-    def broken(self, motions: np.ndarray) -> np.ndarray:
-        """How far fields, (N, k), break the equations, (followers, k)."""
-        return motions[self.own] - self.moved(np.where(self.own[:, None], 0.0, motions))[self.own]
+    def broken(self, fields: np.ndarray) -> np.ndarray:
+        """Left sides less right sides of the equations for fields, (N, k): (followers, k)."""
+        return fields[self.own] - self.expanded(np.where(self.own[:, None], 0.0, fields))[self.own]
 
 
 def _keys(matrix: csr_matrix) -> np.ndarray:

@@ -72,8 +72,8 @@ def followers_of(
     solved = -factors.solve(others[:, used].toarray())
     solved[np.abs(solved) <= ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
     entries = csr_matrix(solved).tocoo()
-    spread = csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(free.size,) * 2)
-    whole = csr_matrix(spread + diags((~own).astype(float)))
+    others = csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(free.size,) * 2)
+    whole = csr_matrix(others + diags((~own).astype(float)))
     dim = free.size // len(np.unique(cell_nodes))
     terms = []
     first = 0
@@ -86,7 +86,7 @@ def followers_of(
             column = factors.solve(given), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
         first = place.stop
-    return Followers(own, whole, _groups(cell_nodes, spread, own, dim)), terms
+    return Followers(own, whole, _groups(cell_nodes, others, own, dim)), terms
 
 
 def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
@@ -127,12 +127,14 @@ def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
     raise SceneError(f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply")
 
 
-def _groups(cell_nodes: np.ndarray, spread: csr_matrix, own: np.ndarray, dim: int) -> csr_matrix:
+def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray, dim: int) -> csr_matrix:
     """Nodes of each cell with followers, and the nodes that these follow, (groups, nodes)."""
     count = own.size // dim
-    touched = cell_nodes[own.reshape(-1, dim).any(axis=1)[cell_nodes].any(axis=1)]
+    following = np.zeros(count, dtype=bool)
+    following[np.flatnonzero(own) // dim] = True
+    touched = cell_nodes[following[cell_nodes].any(axis=1)]
     starts = np.arange(0, touched.size + 1, cell_nodes.shape[1])
     inside = csr_matrix((np.ones(touched.size), touched.ravel(), starts), shape=(len(touched), count))
-    entries = spread.tocoo()
-    follows = csr_matrix((np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count))
-    return csr_matrix(inside + inside @ follows)
+    entries = follows.tocoo()
+    nodes = csr_matrix((np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count))
+    return csr_matrix(inside + inside @ nodes)

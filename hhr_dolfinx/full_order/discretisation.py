@@ -83,7 +83,7 @@ class Discretisation(DiscreteSpace):
         if not resisting:
             return None
         if self.group.size > 1:
-            raise NotOfferedError(f"springs, of scene '{self.scene.name}', are built in for one rank")
+            raise self._serial("springs")
         return np.sum([load.stiffness(self.assembler(load)) for load in resisting], axis=0)
 
     def assemble_stiffness(self) -> PETSc.Mat:
@@ -195,10 +195,13 @@ class Discretisation(DiscreteSpace):
         if not self.scene.constraints:
             return Followers.nobody(self.size), []
         if self.group.size > 1:
-            raise NotOfferedError(f"constraints, of scene '{self.scene.name}', are built in for one rank")
+            raise self._serial("constraints")
         from hhr_dolfinx.full_order.constraints import followers_of
 
         return followers_of(self.scene, self.assembler, self._cell_nodes(), free)
+
+    def _serial(self, what: str) -> NotOfferedError:
+        return NotOfferedError(f"{what}, of scene '{self.scene.name}', are not built in for several processes")
 
     def _node_mass(self) -> csr_matrix:
         """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""

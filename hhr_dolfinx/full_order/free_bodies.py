@@ -70,17 +70,16 @@ def check_held(
     columns = []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
-        motions = rigid_motions(points[nodes], scene.hypothesis)
-        found = np.zeros((len(motions), *points.shape))
-        found[:, nodes] = motions
-        columns.append(found.reshape(len(motions), -1).T)
-    every = np.hstack(columns)
+        for way in rigid_motions(points[nodes], scene.hypothesis):
+            columns.append(np.zeros(points.shape))
+            columns[-1][nodes] = way
+    every = np.array(columns).reshape(len(columns), -1).T
     rows = np.vstack([every[imposed], followers.broken(every), np.zeros((every.shape[1],) * 2)])
     sizes = np.linalg.svd(rows, compute_uv=False)
     left = int((sizes <= ALMOST_NONE * np.sqrt(len(rows))).sum())
     if left:
         raise NotSolvableError(
-            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} rigid motions: impose "
+            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} ways to move: impose "
             "displacements that hold them. Bodies with constraints that contact alone holds are not built in"
         )
 

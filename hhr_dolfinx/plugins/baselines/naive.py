@@ -88,7 +88,7 @@ class NaiveFullOrder(AnsweringModel):
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
         if problem.followers is not None:
-            unknown = problem.followers.moved(unknown)
+            unknown = problem.followers.expanded(unknown)
         return found_as(found, point, unknown, self._full)
 
     def _assembled(self) -> csr_matrix:

@@ -206,8 +206,8 @@ class Periodic:
         own, places = nodes_at(assembler, self.follower, self)
         others, sources = nodes_at(assembler, self.leader, self)
         turn = self.turn(dim)
-        moved = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
-        far, which = cKDTree(moved).query(places)
+        turned = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
+        far, which = cKDTree(turned).query(places)
         size = np.ptp(assembler.points(), axis=0).max()
         if far.max() > 1e-6 * size:
             bad = int(far.argmax())

@@ -50,9 +50,8 @@ class Tie:
         rows = pairing.rows(surfaces, assembler.size)
         dim = surfaces[0].points.shape[1]
         count = rows.gap.size
-        normals = np.column_stack([
-            np.asarray(rows.matrix[np.arange(count), dim * rows.slaves + k]).ravel() for k in range(dim)
-        ])  # fmt: skip
+        dofs = dim * rows.slaves[:, None] + np.arange(dim)
+        normals = np.asarray(rows.matrix[np.arange(count)[:, None], dofs].toarray())
         if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
             raise SceneError(f"{self!r}: its pairing has other rows than one of a node each: tie by NodeToSurface")
         entries = rows.matrix.tocoo()
@@ -62,5 +61,4 @@ class Tie:
             shape=(count, assembler.size // dim),
         ).tocoo()
         spread = [(weights.data, dim * weights.row + k, dim * weights.col + k) for k in range(dim)]
-        dependent = (dim * rows.slaves[:, None] + np.arange(dim)).ravel()
-        return equations_of(spread, dependent, assembler.size)
+        return equations_of(spread, dofs.ravel(), assembler.size)

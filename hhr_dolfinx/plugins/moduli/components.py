@@ -226,7 +226,7 @@ class Solver:
             given = columns if follow is None else follow.forces(columns)
             with self._factors.of(problem.own_stiffness) as factors:
                 found = factors.solve_columns(given)
-            return found if follow is None else follow.moved(found)
+            return found if follow is None else follow.expanded(found)
         dofs = self.component.dofs
         scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
