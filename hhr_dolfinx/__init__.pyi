@@ -35,6 +35,7 @@ from .plugins.constraints.equations import MeanMotion as MeanMotion
 from .plugins.constraints.equations import Periodic as Periodic
 from .plugins.constraints.equations import RigidMotion as RigidMotion
 from .plugins.constraints.tie import Tie as Tie
+from .plugins.external_operator.law import ExternalOperator as ExternalOperator
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce
@@ -71,6 +72,7 @@ from .plugins.inelastic.recipe import StressDeim as StressDeim
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
+from .plugins.mfront.law import MFront as MFront
 from .plugins.mortar.pairing import Mortar as Mortar
 from .plugins.nonmatching.double_pass import DoublePass as DoublePass
 from .plugins.nonmatching.node_to_surface import NodeToSurface as NodeToSurface

@@ -20,7 +20,6 @@ from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.plugins.inelastic.constants import check_law, parameters_of
-from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -49,7 +48,7 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
         young = body.young if isinstance(body.young, str) else float(body.young)
         flat = scene.hypothesis == "plane_stress"
         stated = Elasticity() if body.law is None and flat else body.law
-        law = None if stated is None else program_of(stated, operator.components, plane_stress=flat)
+        law = None if stated is None else stated.at_points(operator.components, plane_stress=flat)
         if law is not None and law.elastic and isinstance(young, str):
             raise SceneError(f"body {body.tag} has elasticity of its own, {law.name}: its young must be a number")
         numbers = np.flatnonzero(of_point == place)

@@ -100,6 +100,10 @@ class Law:
         """The law with a strain across for which the stress across is 0; SceneError for those that have none."""
         return _Thin(self)
 
+    def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
+        """The law as models evaluate it, for strains of 4 or 6 components; SceneError for those that cannot be."""
+        return program_of(self, strains, plane_stress=plane_stress)
+
     @property
     def name(self) -> str:
         """Name of the law: that of its class."""
@@ -259,6 +263,12 @@ class LawProgram(Rebuilt):
         """Program, sizes and kinds of unknowns for :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`."""
         sizes = [self.strains, len(self.kinds), self.remembered, 2 + len(self.constants)]
         return self.program, [*sizes, self.program.registers, int(bool(self.reason))], self.kinds
+
+    @cached_property
+    def identity(self) -> list[object]:
+        """Program and constants, by which stores of answers identify a law; not its name."""
+        program = self.program
+        return [program.rows, program.numbers, program.ends, program.outputs, program.output_ends, *self.values]
 
     @cached_property
     def code(self) -> Code:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
 from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, Update, hooke
@@ -180,7 +181,8 @@ class Material:
             found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
             found._laws = {}
             vars(found).pop("given", None)
-            found.code = elastic.code  # programs are the same for any constants
+            with suppress(NotOfferedError):  # of laws without programs
+                found.code = elastic.code  # the same for any constants
             return found
 
         return self._at_points.of(point.tobytes(), made)

@@ -1,0 +1,82 @@
+"""A function of arrays as a law of a body, called as by dolfinx-external-operator (Latyshev, Bleyer, Maurini and Hale
+2025, doi 10.46298/jtcam.14449), which is not needed for it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.inelastic.outside import KNOWN, OutsideLaw, Step
+
+NONE: Mapping[str, int] = MappingProxyType({})
+
+
+class ExternalOperator(OutsideLaw):
+    """A law by the ``external_function`` of a ``FEMExternalOperator`` whose first operand is the strain.
+
+    ``external((1, 0, ...))`` is the function that returns the derivative of the stress by the first operand, and
+    further results. Points come as cells of one point: tensors, in Kelvin's notation, as (n, 1, c), numbers as (n, 1).
+    Results may have any shape, points first. Stores of answers identify the law by its source and constants: other
+    values that the function reads must not change.
+
+    Args:
+        external: this function.
+        constants: numbers, or formulas of the parameters, by name.
+        operands: arguments by name: ``strain`` or its ``increment`` first, then ``stress``, ``inelastic``,
+            ``cumulated`` and ``memory`` before the step, ``dt``, ``young``, ``poisson`` and constants.
+        results: what it returns by name: ``tangents``, ``stress`` and memory after the step, or ``+`` and a name for an
+            increment.
+        memory: further internal variables, see :class:`~hhr_dolfinx.plugins.inelastic.law.Law`.
+    """
+
+    def __init__(
+        self,
+        external: Callable[[tuple[int, ...]], Callable[..., Sequence[np.ndarray]]],
+        constants: Mapping[str, float | str] = NONE,
+        *,
+        operands: Sequence[str] = ("increment", "stress", "cumulated"),
+        results: Sequence[str] = ("tangents", "stress", "+cumulated"),
+        memory: Mapping[str, int] = NONE,
+    ):
+        wrong = {*operands} - {"increment", "stress", "dt", "young", "poisson", *KNOWN, *memory, *constants}
+        wrong |= ({name.removeprefix("+") for name in results} ^ {"tangents", "stress", *memory}) - {"cumulated"}
+        if wrong or operands[0] not in ("increment", "strain"):
+            raise SceneError(
+                f"operands {operands} begin with strain or increment, and results {results} are tangents, stress and "
+                f"the memory {list(memory)}: {sorted(wrong)} are missing or unknown"
+            )
+        self.external = external
+        self.operands = operands
+        self.results = results
+        self.memory = dict(memory)  # type: ignore[misc]
+        try:
+            source = inspect.getsource(external)
+        except (OSError, TypeError):  # compiled, typed into a console, or an object
+            source = external.__module__
+        name = getattr(external, "__qualname__", type(external).__qualname__)
+        super().__init__(name, constants, "dt" in operands, source, *operands, *results)
+
+    def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
+        """See :class:`OutsideLaw`; tangents come with the stress in any case."""
+        old = step.old
+        known = {
+            **old,
+            **step.constants,
+            "dt": step.dt,
+            "strain": step.strain,
+            "increment": step.strain - old["strain"],
+        }
+        arrays = (np.array(known[name]) for name in self.operands)  # copies, as a function may write into them
+        cells = [array[:, None] if array.ndim else np.full((len(step.strain), 1), array) for array in arrays]
+        found = self.external((1,) + (0,) * (len(cells) - 1))(*cells)
+        if len(found) != len(self.results):
+            raise SceneError(f"{self.name} returns {len(found)} arrays, and its results are {self.results}")
+        values = {}
+        for name, value in zip(self.results, found, strict=True):
+            own = name.removeprefix("+")
+            values[own] = value if own == name else old[own] + np.reshape(value, old[own].shape)
+        return values.pop("stress").reshape(step.strain.shape), values, values.pop("tangents")

@@ -1,0 +1,130 @@
+"""Laws of bodies whose update is code outside of UFL, for full and hyper-reduced models in memory.
+
+What holds data and no code refuses them: condensed models, files, pages, C and FMUs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple, NoReturn
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.plain import rebuilt
+from hhr_dolfinx.plugins.inelastic.law import Given, Law, LawProgram, State, Update, law_sizes
+from hhr_dolfinx.plugins.inelastic.local_solver import NOT_SOLVED, ROUND_OFF, SOLVED
+from hhr_dolfinx.plugins.inelastic.state import deviator
+
+KNOWN = {"inelastic": 0, "cumulated": 1, "strain": 0}
+"""Memory of all these laws with its sizes; the old stress follows from it."""
+
+
+class Step(NamedTuple):
+    """A step at n points."""
+
+    strain: np.ndarray  # at its end in Kelvin's notation, (n, c)
+    old: Mapping[str, np.ndarray]  # before: strain, stress, inelastic ε - C^-1 σ, and memory; numbers are (n,)
+    dt: float  # its duration in seconds
+    constants: Mapping[str, float | np.ndarray]  # with young and poisson; (n,) if they vary in space
+    tangent: bool  # whether tangents are needed
+
+
+class OutsideLaw(Law):
+    """Base of these laws; C at rest is that of E and ν of the body.
+
+    Args:
+        name: name of the law, which with the other ``identity``, texts, and the constants identifies it in stores.
+        constants: numbers, or formulas of the parameters, by name.
+        rated: whether the answer depends on the duration of a step.
+    """
+
+    swells: ClassVar[bool] = True
+    name = ""
+
+    def __init__(self, name: str, constants: Mapping[str, float | str], rated: bool, *identity: str):
+        self.name = name
+        self.rated = rated
+        self.identity = name, *identity
+        self._constants = dict(constants)
+        self.__post_init__()
+
+    def constants(self) -> dict[str, float | str]:
+        """See :class:`Law`."""
+        return self._constants
+
+    def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
+        """Stress, (n, c), memory by name, and consistent tangents, (n, c, c), if they are needed.
+
+        A point without an answer has a value that is not finite. Without ``cumulated`` in the memory √(2/3) of the
+        change of the inelastic deviator is added.
+        """
+        raise NotImplementedError
+
+    def memory_of(self, strains: int) -> dict[str, int]:
+        """Sizes of the memory for strains of 4 or 6 components."""
+        return law_sizes(self.memory, strains)
+
+    def statement(self, at: object) -> NoReturn:
+        """Refuse what needs a law in UFL with a SceneError."""
+        raise SceneError(f"{self.name} is code outside of UFL: no plane stress, no heat and no other law around it")
+
+    def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
+        """See :class:`Law`."""
+        return self.statement(None) if plane_stress else LawCode(self, strains)
+
+
+class LawCode(LawProgram):
+    """Code instead of a program, with its interface."""
+
+    def __init__(self, law: OutsideLaw, strains: int, values: tuple[float | str, ...] = ()):
+        self.law = law
+        self.own = law_sizes(KNOWN, strains) | law.memory_of(strains)
+        named = law.constants()
+        values = values or (*named.values(),)
+        vars(self).update(name=law.name, rated=law.rated, swells=law.swells, constants=(*named,), values=values)
+        vars(self).update(strains=strains, sizes=np.array([*self.own.values()]), kinds=())
+        vars(self)["identity"] = [*law.identity, *named, *values]
+
+    def __reduce__(self) -> tuple:
+        return rebuilt, (LawCode, {"law": self.law, "strains": self.strains, "values": self.values})
+
+    @property
+    def program(self) -> NoReturn:
+        """Refuse what needs a program with a NotOfferedError."""
+        raise NotOfferedError(
+            f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
+            "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
+        )
+
+    def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
+        """See :class:`LawProgram`."""
+        self.law.with_numbers(numbers, place)
+        known = dict(zip(self.constants, self.values, strict=True))
+        return LawCode(self.law, self.strains, (*(known | {**numbers}).values(),))
+
+    def update(self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool) -> Update:
+        """See :class:`LawProgram`."""
+        points, strains = strain.shape
+        if not points:
+            return Update(strain, old, np.zeros((0, strains, strains)) if tangent else None)
+        parts = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
+        before = {name: part[:, 0] if part.shape[1] == 1 else part for name, part in zip(self.own, parts, strict=True)}
+        before["stress"] = (before["strain"] - before["inelastic"]) @ given.elastic
+        rows = (row if row.size > 1 else float(row[0]) for row in given.constants)
+        numbers = dict(zip(("young", "poisson", *self.constants), rows, strict=True))
+        with np.errstate(all="ignore"):
+            stress, memory, tangents = self.law.evaluate(Step(strain, before, dt, numbers, tangent))
+            inelastic = strain - stress @ given.compliance
+        change = inelastic - old.inelastic
+        size = np.maximum(np.abs(strain), np.abs(old.inelastic)).max(axis=1)
+        change[np.abs(change).max(axis=1) <= ROUND_OFF * size] = 0.0
+        inelastic = old.inelastic + change
+        cumulated = old.cumulated + np.sqrt(2 / 3) * np.linalg.norm(deviator(change), axis=1)
+        memory = {"cumulated": cumulated, "strain": strain, **memory, "inelastic": inelastic}
+        new = np.hstack([np.reshape(memory[name], (points, size)) for name, size in self.own.items()])
+        slopes = np.reshape(np.asarray(tangents), (points, strains, strains)) if tangent else np.zeros((points, 1, 1))
+        finite = np.isfinite(new).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+        self._check(np.where(finite, SOLVED, NOT_SOLVED), strain.T)
+        state = State(inelastic, new[:, strains], new[:, strains + 1 :])
+        return Update(stress, state, slopes if tangent else None)
