@@ -97,7 +97,8 @@ def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
     for row in np.flatnonzero(~free[dependent]):
         span = slice(rows.indptr[row], rows.indptr[row + 1])
         columns = rows.indices[span]
-        sizes = np.abs(rows.data[span]) * free[columns]
+        sizes = np.abs(rows.data[span])
+        sizes[~free[columns] | (sizes <= ROUND_OFF * sizes.max())] = 0.0
         sizes[np.isin(columns, dependent)] = 0.0
         kept[row] = sizes.max() > 0
         dependent[row] = columns[sizes.argmax()] if kept[row] else -1

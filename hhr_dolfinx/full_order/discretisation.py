@@ -236,11 +236,11 @@ class Discretisation(DiscreteSpace):
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
-        if problem.followers is not None:
-            check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~problem.movable)
-            return self._warned(problem)
         springs = self.springs()
-        loose = problem.free if springs is None else problem.free & (springs == 0)
+        loose = problem.movable if springs is None else problem.movable & (springs == 0)
+        if problem.followers is not None:
+            check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~loose)
+            return self._warned(problem)
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose)
         if free:
             if "kernel" not in registry.named("tools"):

@@ -206,8 +206,10 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
+    springs = found.meshed.springs()
+    loose = problem.movable if springs is None else problem.movable & (springs == 0)
     if problem.followers is not None:  # a body may be held by another one
-        where = problem.points, problem.cell_nodes, problem.followers, ~problem.movable
+        where = problem.points, problem.cell_nodes, problem.followers, ~loose
         try:
             check_held(found.scene, *where)
         except NotSolvableError as error:
@@ -216,8 +218,6 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
             found.say("displacements and constraints hold every body")
         return
     owner = found.meshed.cell_bodies()
-    springs = found.meshed.springs()
-    loose = problem.free if springs is None else problem.free & (springs == 0)
     free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose)
     for body in free:
         found.note(

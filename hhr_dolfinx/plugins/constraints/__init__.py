@@ -4,7 +4,13 @@ from hhr_dolfinx.registry import Plugin
 
 _PLACES = {
     "hhr_dolfinx.plugins.constraints.equations": "Equation MeanMotion Periodic RigidMotion",
+    "hhr_dolfinx.plugins.constraints.cut": "CutMesh",
+    "hhr_dolfinx.plugins.constraints.preload": "BoltForce ForcedSection Preload",
     "hhr_dolfinx.plugins.constraints.tie": "Tie",
 }
 
-PLUGIN = Plugin(name="constraints", public=_PLACES)
+PLUGIN = Plugin(
+    name="constraints",
+    public=_PLACES,
+    parts={"loads": {"BoltForce": "hhr_dolfinx.plugins.constraints.preload:BoltForce"}},
+)

@@ -1,0 +1,136 @@
+"""Preload of bolts: the two sides of a section are drawn together by a length or a force, *PRE-TENSION SECTION."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.full_order.constraints import Equations
+from hhr_dolfinx.loads import Assembler, Term
+from hhr_dolfinx.pairings.surface import mean_normal
+from hhr_dolfinx.parameters import check_tag
+from hhr_dolfinx.plugins.constraints.cut import OTHER
+from hhr_dolfinx.plugins.constraints.equations import equations_of
+
+
+@dataclass(frozen=True)
+class _Section:
+    """Pairs of nodes on both sides of a section, and its normal."""
+
+    below: np.ndarray  # nodes of the first side, (n,)
+    above: np.ndarray  # their partners, (n,)
+    normal: np.ndarray  # from the first side to the other, (dim,)
+    first: int  # number of the pair in the middle
+
+    @classmethod
+    def of(cls, assembler: Assembler, name: str) -> _Section:
+        """The section of this name; SceneError for sides whose nodes do not coincide."""
+        below, above = (assembler.surface(tag) for tag in (name, f"{name}{OTHER}"))
+        far, which = cKDTree(above.points).query(below.points)
+        if len(below.nodes) != len(above.nodes) or far.max() > 1e-9 * np.ptp(below.points, axis=0).max():
+            raise SceneError(f"the sides of section {name!r} have other nodes: cut the mesh by CutMesh(path, sections)")
+        first = int(np.linalg.norm(below.points - below.points.mean(axis=0), axis=1).argmin())
+        return cls(below.nodes, above.nodes[which], mean_normal(below), first)
+
+
+@dataclass(frozen=True)
+class Preload:
+    """Both sides of a section move alike, but for a shortening of the bolt along its normal.
+
+    Attributes:
+        section: name of the section, see :class:`~hhr_dolfinx.plugins.constraints.cut.CutMesh`.
+        amplitude: the shortening, a length: a number, an Amplitude, or a formula of the parameters as text.
+    """
+
+    section: str
+    amplitude: Amplitude | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("section", self.section)
+        check_amplitude(self, f"the preload of section {self.section!r}", formulas=True)
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`."""
+        section = _Section.of(assembler, self.section)
+        dim = section.normal.size
+        above, below = ((dim * nodes[:, None] + np.arange(dim)).ravel() for nodes in (section.above, section.below))
+        ones = np.ones(above.size)
+        rows = np.arange(above.size)
+        entries = [(ones, rows, above), (-ones, rows, below)]
+        return equations_of(entries, above, assembler.size, -np.tile(section.normal, section.above.size))
+
+
+@dataclass(frozen=True)
+class ForcedSection:
+    """Both sides of a section move alike, but for a common shortening, which a :class:`BoltForce` draws.
+
+    Attributes:
+        section: name of the section, see :class:`~hhr_dolfinx.plugins.constraints.cut.CutMesh`.
+    """
+
+    section: str
+    amplitude: Amplitude = field(default=Amplitude(), init=False)
+
+    def __post_init__(self) -> None:
+        check_tag("section", self.section)
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`.
+
+        The pair in the middle opens along the normal n alone, and all others as it does.
+        """
+        section = _Section.of(assembler, self.section)
+        dim = section.normal.size
+        along = np.outer(section.normal, section.normal)
+        across = np.eye(dim) - along
+        free = int(np.abs(section.normal).argmax())
+        entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        dependent: list[int] = []
+
+        def add(row: np.ndarray, pair: int) -> None:
+            """Coefficients (dim,) of the opening of a pair in the last equation."""
+            for nodes, sign in ((section.above, 1.0), (section.below, -1.0)):
+                place = np.full(dim, len(dependent) - 1)
+                entries.append((sign * row, place, dim * nodes[pair] + np.arange(dim)))
+
+        for pair in range(section.above.size):
+            for k in range(dim):
+                if pair == section.first and k == free:
+                    continue
+                dependent.append(dim * int(section.above[pair]) + k)
+                add(across[k] if pair == section.first else np.eye(dim)[k], pair)
+                if pair != section.first:
+                    add(-along[k], section.first)
+        return equations_of(entries, np.array(dependent), assembler.size)
+
+
+@dataclass(frozen=True)
+class BoltForce:
+    """Force in a bolt that draws the sides of a :class:`ForcedSection` together, positive as tension.
+
+    Attributes:
+        section: name of the section.
+        amplitude: the force: a number, an Amplitude, or a formula of the parameters as text.
+    """
+
+    section: str
+    amplitude: Amplitude | Formula
+
+    def __post_init__(self) -> None:
+        check_tag("section", self.section)
+        check_amplitude(self, f"the force in section {self.section!r}", formulas=True)
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector: forces on the pair in the middle, which the others follow."""
+        section = _Section.of(assembler, self.section)
+        dim = section.normal.size
+        forces = np.zeros(assembler.size)
+        for nodes, sign in ((section.above, -1.0), (section.below, 1.0)):
+            forces[dim * nodes[section.first] + np.arange(dim)] = sign * section.normal
+        return [Term(self.amplitude, csc_matrix(forces[:, None]))]
