@@ -1,4 +1,4 @@
-"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, and other formats of meshio.
+"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, formats of plug-ins, and those of meshio.
 
 Bodies and surfaces have their names in the file: physical groups of gmsh, sets and surfaces of Abaqus, blocks and side
 sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose nodes are all in the set.
@@ -23,6 +23,7 @@ from hhr_dolfinx.geometries.groups import Group, groups_of_nodes, groups_of_unv
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
+from hhr_dolfinx.registry import load, named
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -107,12 +108,14 @@ def _advice(path: Path) -> str:
     """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
         return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
-    return f"Write it again, or in another format: {', '.join(ENDINGS)}"
+    return f"Write it again, or in another format: {', '.join((*ENDINGS, *named('readers')))}"
 
 
 def _reader(path: Path) -> Any:
     """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them .msh."""
     ending = path.suffix.lower()
+    if (place := named("readers").get(ending)) is not None:
+        return load(place)
     if ending == ".inp" or _begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.registry import named
 
 with extra("study", "the command hhr"):
     import click
@@ -65,7 +66,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 def _is_mesh(name: str) -> bool:
     """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
     path = Path(name)
-    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
+    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES | named("readers").keys()
 
 
 def _contents_of(name: str) -> str:
