@@ -238,7 +238,7 @@ WRONG = {
     "text.msh": ("not a mesh", "text.msh cannot be read.*Couldn't read file"),
     "k.mdpa": ("Begin Nodes\n1 0 0 0\nEnd Nodes\n" + KRATOS, "of a format that is not understood"),
     "empty.inp": ("*Heading\n", "has no elements of the plane or of space"),
-    "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: parts and instances that are moved"),
+    "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: there is no part 'P' before it"),
     "set.inp": ("*Node\n1, 0, 0\n*Nset, nset=a\nnone\n", "line 3: there is no set 'none' before it"),
     "lost.inp": ("*Node\n1, 0, 0\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n", "element 1 has a node that is not in"),
     "face.inp": (TRIANGLE + "*Surface, name=s\na, S5\n", "surface 's': 'a, S5' is no face"),

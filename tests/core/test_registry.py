@@ -140,7 +140,10 @@ def test_what_a_plug_in_registers_is_there(name):
             assert (found.name if what == "commands" else found.__name__) == key
             assert what != "public" or getattr(hhr, key) is found
     parts = (place for named in plugin.parts.values() for place in named.values())
-    assert all(callable(registry.load(place)) for place in (*parts, *plugin.companions, *plugin.tools.values(), *plugin.readers.values()))
+    assert all(
+        callable(registry.load(place))
+        for place in (*parts, *plugin.companions, *plugin.tools.values(), *plugin.readers.values())
+    )
 
 
 def test_the_stub_for_type_checkers_has_all_public_names():

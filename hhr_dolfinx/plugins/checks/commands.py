@@ -66,7 +66,8 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 def _is_mesh(name: str) -> bool:
     """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
     path = Path(name)
-    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES | named("readers").keys()
+    endings = MESHES | named("readers").keys()
+    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in endings
 
 
 def _contents_of(name: str) -> str:
