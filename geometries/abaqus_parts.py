@@ -71,11 +71,9 @@ class Assembly:
         found = self.parts[part]
         self._own = deepcopy(replace(found, nodes={}, elements={}, whole={}, types={}))
         # of a large part these would take seconds, and no block changes them
-        self._own.elements, self._own.whole, self._own.types = (
-            dict(found.elements),
-            dict(found.whole),
-            dict(found.types),
-        )
+        self._own.elements = dict(found.elements)
+        self._own.whole = dict(found.whole)
+        self._own.types = dict(found.types)
         self._own.nodes = _moved(found.nodes, [[number_of(word) for word in row] for row in rows])
         self._instance = options["NAME"]
 
