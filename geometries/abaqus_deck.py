@@ -6,6 +6,7 @@ of elements with the same set it keeps the last one.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from hhr_dolfinx.geometries.cells import (
     DIMENSION,
     FACES,
     are_sides,
+    of_other_kinds,
     one_kind,
     outer_faces_of_cells,
     sides_of,
@@ -76,9 +78,20 @@ def _mesh_of(deck: Deck, path: Path) -> RawMesh:
     surfaces, reasons = _surfaces(deck, kind, array, row_of, facets)
     nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
              for name, numbers in deck.node_sets.items()}  # fmt: skip
-    bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}
-    left_out |= deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons
+    others = _others(deck, {number: own for number, (own, _) in solid.items() if own != kind}, kind)
+    bodies = {name: rows for name, rows in bodies.items() if rows.size and name not in others}
+    bodies = bodies or {"all": np.arange(len(array))}
+    left_out |= deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons | others
     return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides, left_out)
+
+
+def _others(deck: Deck, kinds: dict[int, str], kept: str) -> dict[str | int, str]:
+    """Reasons why sets with elements of other kinds, by number, are no bodies."""
+    found: dict[str | int, Counter[str]] = {}
+    for name, numbers in deck.element_sets.items():
+        if own := Counter(kinds[number] for number in numbers if number in kinds):
+            found[deck.spelling["elset", name]] = own
+    return of_other_kinds(found, kept)
 
 
 def _facets(deck: Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]) -> dict[int, np.ndarray]:
