@@ -55,7 +55,7 @@ class Elements:
     type: str
     nodes: np.ndarray
     numbers: Mapping[str, np.ndarray] = field(default_factory=dict)
-    sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sets: Mapping[str, np.ndarray] | Mapping[str | int, np.ndarray] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:

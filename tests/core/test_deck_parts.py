@@ -120,6 +120,14 @@ def test_parts_of_second_order(kind, tmp_path):
     assert size_of(found, "B.First", dim - 1) == pytest.approx(2.0)
 
 
+def test_names_with_blanks_are_in_quotes(tmp_path):
+    text = f'{CUBE}*INSTANCE, NAME="the lower one", PART=Cube\n*END INSTANCE\n'
+    text += '*NSET, NSET="a pin"\n"the lower one".7,\n*SURFACE, NAME="all of it"\n"the lower one".Whole,\n'
+    found = hhr.MeshFile(written(tmp_path / "a.inp", text)).read()
+    assert found.points[found.nodes["a pin"]].tolist() == [[1.0, 1.0, 1.0]] and len(found.surfaces["all of it"]) == 6
+    assert "the lower one.Top" in found.surfaces
+
+
 def test_parts_in_included_files_of_a_folder_and_a_mesh_in_the_instance(tmp_path):
     (tmp_path / "parts").mkdir()
     written(tmp_path / "parts" / "cube.inp", CUBE.replace(nodes_of_deck(CORNERS), "*INCLUDE, INPUT=nodes.inp\n"))

@@ -83,9 +83,10 @@ def figure_of_scene(found: SceneCheck) -> Figure:
         _draw_cells(axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"})
     for place, (surfaces, _) in enumerate(found.pairs):
         label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
-        facets = [facet[AROUND[len(facet)]] if facet.shape[1] == 3 else facet
-                  for surface in surfaces for facet in surface.points[surface.facets]]  # fmt: skip
-        _draw_facets(axes, facets, f"C{len(bodies) + place}", label)
+        facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
+        # facets of a line have two corners
+        around = [facet[AROUND[len(facet)]] if len(facet) > 2 else facet for facet in facets]
+        _draw_facets(axes, around, f"C{len(bodies) + place}", label)
     _draw_supports(found, axes, 5 if look.points.shape[1] == 2 else 4)
     _draw_loads(found, axes)
     _frame(figure, axes, look.points, _unit(found.scene, "length"), found.scene.name)

@@ -9,12 +9,14 @@ from pathlib import Path
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import COUNTS, Contents
 
-_KINDS = {
-    "POI1": "vertex", "SEG2": "line", "SEG3": "line3", "TRIA3": "triangle", "TRIA6": "triangle6", "QUAD4": "quad",
-    "QUAD8": "quad8", "QUAD9": "quad9", "TETRA4": "tetra", "TETRA10": "tetra10", "PYRAM5": "pyramid",
-    "PYRAM13": "pyramid13", "PENTA6": "wedge", "PENTA15": "wedge15", "HEXA8": "hexahedron", "HEXA20": "hexahedron20",
-    "HEXA27": "hexahedron27",
-}  # fmt: skip
+_KINDS = dict(
+    pair.split(":")
+    for pair in (
+        "POI1:vertex SEG2:line SEG3:line3 TRIA3:triangle TRIA6:triangle6 QUAD4:quad QUAD8:quad8 QUAD9:quad9 "
+        "TETRA4:tetra TETRA10:tetra10 PYRAM5:pyramid PYRAM13:pyramid13 PENTA6:wedge PENTA15:wedge15 HEXA8:hexahedron "
+        "HEXA20:hexahedron20 HEXA27:hexahedron27"
+    ).split()
+)
 _WIDTHS = {"COOR_2D": 3, "COOR_3D": 4} | {head: COUNTS[kind] + 1 for head, kind in _KINDS.items()}  # words of an item
 _OTHERS = ("TITRE", "TRIA7", "SEG4", "PENTA18", "PENTA21", "PYRAM19", "TETRA15", "HEXA9", "HEXA16")
 
@@ -26,9 +28,9 @@ def read_mail(path: Path) -> RawMesh:
         # NOM = A is one word, and comments begin with %
         words = (word for line in lines for word in re.sub(r"\s*=\s*", "=", line.partition("%")[0]).split())
         for word in words:
-            if word == "FIN":
+            if word.upper() == "FIN":
                 break
-            _block(found, word, words)
+            _block(found, word.upper(), words)
     return found.mesh(path)
 
 
@@ -39,9 +41,9 @@ def _block(found: Contents, head: str, words: Iterator[str]) -> None:
     name = ""
     item: list[str] = []
     for word in words:
-        if word == "FINSF":
+        if word.upper() == "FINSF":
             break
-        name = word[4:] if word.startswith("NOM=") else name
+        name = word[4:] if word.upper().startswith("NOM=") else name
         item += [word] if "=" not in word else []
         if len(item) == _WIDTHS.get(head):
             if head in _KINDS:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,8 +16,8 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 LOW = {1: "vertex", 2: "line", 3: "line3"}
 PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
-SOLID = {4: "tetra", 5: "pyramid", 6: "wedge", 8: "hexahedron", 10: "tetra10", 13: "pyramid13", 15: "wedge15",
-         20: "hexahedron20", 27: "hexahedron27"}  # fmt: skip
+_SOLID = "tetra pyramid wedge hexahedron tetra10 pyramid13 wedge15 hexahedron20 hexahedron27"
+SOLID = dict(zip((4, 5, 6, 8, 10, 13, 15, 20, 27), _SOLID.split(), strict=True))
 """Meshio's kinds of points and lines, plane elements, and those in space, by their number of nodes."""
 COUNTS = {kind: count for kinds in (LOW, PLANE, SOLID) for count, kind in kinds.items()}
 
@@ -36,10 +35,10 @@ class Contents:
         line: line of the file that is read.
     """
 
-    points: dict[Any, list[float]] = field(default_factory=dict)
-    elements: dict[str, dict[Hashable, list[Any]]] = field(default_factory=dict)
-    sets: dict[str | int, list[Any]] = field(default_factory=dict)
-    nodes: dict[str | int, list[Any]] = field(default_factory=dict)
+    points: dict[Hashable, list[float]] = field(default_factory=dict)
+    elements: dict[str, dict[Hashable, Sequence[Hashable]]] = field(default_factory=dict)
+    sets: dict[str | int, list[Hashable]] = field(default_factory=dict)
+    nodes: dict[str | int, list[Hashable]] = field(default_factory=dict)
     left_out: dict[str | int, str] = field(default_factory=dict)
     line: int = 0
 
@@ -53,7 +52,7 @@ class Contents:
             what = f"there is no {error}" if isinstance(error, KeyError) else error
             raise FileContentError(f"{path}, line {self.line}: {what}") from error
 
-    def add(self, kind: str, element: Hashable, nodes: list[Any]) -> None:
+    def add(self, kind: str, element: Hashable, nodes: Sequence[Hashable]) -> None:
         """Add an element; ValueError if it has another number of nodes."""
         if len(nodes) != COUNTS[kind]:
             raise ValueError(f"an element of kind {kind} has {len(nodes)} nodes, and not {COUNTS[kind]}")
@@ -67,14 +66,14 @@ class Contents:
         for kind, own in self.elements.items():
             lost = {node for nodes in own.values() for node in nodes} - place.keys()
             if lost:
-                raise FileContentError(f"{path}: a {kind} names node {min(lost)}, which is not in the file")
+                raise FileContentError(f"{path}: a {kind} names node {min(map(str, lost))}, which is not in the file")
             nodes = np.array([[place[node] for node in row] for row in own.values()])
             row_of = {element: k for k, element in enumerate(own)}
             rows_of = {name: {row_of[one] for one in own if one in row_of} for name, own in self.sets.items()}
-            sets: dict[Any, np.ndarray] = {name: np.array(sorted(rows)) for name, rows in rows_of.items() if rows}
+            sets = {name: np.array(sorted(rows)) for name, rows in rows_of.items() if rows}
             blocks.append(Elements(kind, _in_order_of_vtk(kind, points, nodes), sets=sets))
-        nodes_of = {str(name): np.array([place[one] for one in own if one in place], dtype=np.int64)
-                    for name, own in self.nodes.items()}  # fmt: skip
+        kept = {str(name): [place[one] for one in own if one in place] for name, own in self.nodes.items()}
+        nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in kept.items()}
         return raw_mesh(points, blocks, path, nodes=nodes_of, left_out=self.left_out)
 
 

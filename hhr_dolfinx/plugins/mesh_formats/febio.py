@@ -9,12 +9,14 @@ from xml.parsers import expat
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import COUNTS, Contents
 
-_KINDS = {
-    "hex8": "hexahedron", "hex20": "hexahedron20", "hex27": "hexahedron27", "tet4": "tetra", "tet10": "tetra10",
-    "penta6": "wedge", "penta15": "wedge15", "pyra5": "pyramid", "pyra13": "pyramid13", "tri3": "triangle",
-    "tri6": "triangle6", "quad4": "quad", "q4ans": "quad", "q4eas": "quad", "quad8": "quad8", "quad9": "quad9",
-    "line2": "line", "line3": "line3", "truss2": "line",
-}  # fmt: skip
+_KINDS = dict(
+    pair.split(":")
+    for pair in (
+        "hex8:hexahedron hex20:hexahedron20 hex27:hexahedron27 tet4:tetra tet10:tetra10 penta6:wedge penta15:wedge15 "
+        "pyra5:pyramid pyra13:pyramid13 tri3:triangle tri6:triangle6 quad4:quad q4ans:quad q4eas:quad quad8:quad8 "
+        "quad9:quad9 line2:line line3:line3 truss2:line"
+    ).split()
+)
 
 
 def read_feb(path: Path) -> RawMesh:

@@ -70,7 +70,8 @@ def _kind_of(name: str, kind: str, count: int) -> str:
     plane = re.search(r"2D\d+N?$", name)
     line = name.startswith(_LINES) or count < 3 or (kind == "Conditions" and plane)
     solid = name.startswith(_SOLIDS) or (kind == "Elements" and not plane and not name.startswith(_FLAT))
-    kinds = LOW if line else SOLID if solid else PLANE
+    # shells of any name have three corners
+    kinds = LOW if line else SOLID if solid and count in SOLID else PLANE
     if count not in kinds:
         raise ValueError(f"'{name}' has {count} nodes, which is not understood")
     return kinds[count]

@@ -188,11 +188,14 @@ def test_plane_cells_of_code_aster_and_kratos(tmp_path):
     )
     found = hhr.MeshFile(written(tmp_path / "c.mail", text)).read()
     assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
+    assert hhr.MeshFile(written(tmp_path / "small.mail", text.lower())).read().surfaces.keys() == {"low"}
     text = "Begin Nodes\n1 0 0 0\n2 1 0 0\n3 0 1 0\nEnd Nodes\nBegin Elements Element2D3N\n1 1 1 2 3\nEnd Elements\n"
     text += "Begin Geometries Line2D2\n1 1 2\nEnd Geometries\nBegin SubModelPart low\nBegin SubModelPartGeometries\n1\n"
     text += "End SubModelPartGeometries\nEnd SubModelPart\n"
     found = hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read()
     assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
+    text = text.replace("Element2D3N", "ShellOf3D3N").replace("Line2D2", "Line3D2")
+    assert hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read().kind == "triangle"
 
 
 ATTACK = '<!DOCTYPE x [<!ENTITY a "1"><!ENTITY b "&a;&a;&a;">]>\n'
