@@ -85,9 +85,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 def _words(line: str) -> list[str]:
     """Words of a line between commas, without the quotes of names, as in ``"an instance".set``."""
-    return [word.strip().replace('"', "") for word in re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)][
-        : line.count(",") + 1
-    ]
+    found = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
+    return [word.strip().replace('"', "") for word in found][: line.count(",") + 1]
 
 
 def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
