@@ -20,6 +20,8 @@ TRIED = 8
 
 def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
     """Names of pairs of surfaces with their smallest gap, negative for an overlap, from the smallest gap on."""
+    if raw.points.shape[1] > raw.dim:  # shells have no outside
+        return []
     outer, of = outer_faces_of_cells(raw.kind, raw.cells)
     corners = raw.points[outer]
     normals = _outward(corners, raw.points[raw.cells[of]].mean(axis=1))
@@ -49,7 +51,8 @@ def _outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
     edges = corners[:, 1:3] - corners[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1]) if edges.shape[1] == 2 else edges[:, 0, ::-1] * (1.0, -1.0)
     signs = np.sign(np.einsum("fd,fd->f", normals, corners.mean(axis=1) - inside))
-    return normals * (signs / np.linalg.norm(normals, axis=1))[:, None]
+    # collapsed facets have no normal, and face nothing
+    return normals * (signs / np.maximum(np.linalg.norm(normals, axis=1), 1e-300))[:, None]
 
 
 def _gap(corners: np.ndarray, normals: np.ndarray, rows: list[int], others: list[int], limit: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, TENSOR, outer_faces
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.shown import point_of
@@ -130,7 +130,7 @@ def _draw_cells(axes: Axes, points: np.ndarray, kind: str, cells: np.ndarray, st
     if points.shape[1] == 2:
         axes.add_collection(PolyCollection(points[cells], linewidth=0.2, alpha=0.5, edgecolor="white", **style))
     else:
-        faces = points[outer_faces(kind, cells)]
+        faces = points[cells if DIMENSION[kind] == 2 else outer_faces(kind, cells)]
         axes.add_collection3d(Poly3DCollection(faces, linewidth=0.1, alpha=0.25, edgecolor="white", **style))
 
 

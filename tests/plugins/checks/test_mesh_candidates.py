@@ -69,6 +69,14 @@ def test_a_mesh_file_is_shown_with_its_pairs_and_drawn(tmp_path, monkeypatch):
     assert invoke("check", "parts.inp", "--mesh-error")[0] == 2
 
 
+def test_shells_alone_have_no_pairs_and_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = nodes_of_deck(CORNERS) + "*ELEMENT, TYPE=S4, ELSET=A\n1, 1, 2, 3, 4\n2, 5, 6, 7, 8\n3, 1, 2, 6, 5\n"
+    written(tmp_path / "shells.inp", f"{text}*NSET, NSET=EDGE\n1, 4\n")
+    code, said = invoke("check", "shells.inp", "--picture", "it.png")
+    assert code == 0 and "    EDGE  1 line" in said and "for contacts" not in said and (tmp_path / "it.png").exists()
+
+
 @pytest.mark.parametrize("name", ["blocks.inp", "cubes.msh"])
 def test_a_picture_has_each_body_and_surface_once(name, tmp_path):
     """Sets of all cells, and numbers of what has a name, are not drawn again; cells in no body are grey."""
