@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
@@ -14,7 +15,17 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, OTHERS, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    FACES,
+    FACET_KINDS,
+    KINDS,
+    OTHERS,
+    of_other_kinds,
+    one_kind,
+    sides_of,
+)
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 Sets = dict[str | int, np.ndarray]
@@ -44,7 +55,7 @@ class Elements:
     type: str
     nodes: np.ndarray
     numbers: Mapping[str, np.ndarray] = field(default_factory=dict)
-    sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sets: Mapping[str, np.ndarray] | Mapping[str | int, np.ndarray] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -178,11 +189,17 @@ def raw_mesh(
     smaller = [block for block in elements if block not in own and block not in sides and block not in there]
     reasons = {**others, **said, **also_said, **(left_out or {})}
     cells = _corners(own, CORNERS[kind])
+    lost: dict[str | int, Counter[str]] = {}
+    for block in (b for b in there if b.kind != kind and DIMENSION.get(b.kind, 3) == dim):
+        for name, rows in _sets([block], dim, names)[0].items():
+            lost.setdefault(name, Counter())[block.kind] += len(rows)
+    reasons |= of_other_kinds(lost, kind)
     if not any(bodies) or (
         len(bodies) == 1 and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
     ):
         # elements have no number, or 0, or all have that of the only entity of gmsh
         bodies = {1: np.arange(len(cells)), **bodies}
+    bodies = {name: rows for name, rows in bodies.items() if name not in lost}
     surfaces = {name: facets[rows] for name, rows in found.items()}
     return RawMesh(points, kind, cells, bodies, surfaces, {**_smaller(smaller, names), **(nodes or {})}, order, reasons)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -74,29 +74,29 @@ TENSOR_FACET = [0, 1, 3, 2]
 def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str, dict[str | int, str]]:
     """Kind of the cells of a file, and reasons for cells of other kinds that are left out.
 
-    Prisms and pyramids are left out if they touch no cell of a supported kind: they are then separate bodies, which a
-    scene need not have. Otherwise the mesh without them would have holes.
+    The kind is the supported one with most cells. Others are left out if they touch none of these: they are then
+    separate bodies, which a scene need not have. Otherwise the mesh without them would have holes.
 
     Args:
         blocks: kind and nodes, (b, K), of all cells of the highest dimension.
         path: path of the file, for messages.
 
     Raises:
-        FileContentError: for several kinds, or one that is not supported.
+        FileContentError: for several kinds that touch each other, or one that is not supported.
     """
     nodes: dict[str, list[np.ndarray]] = {}
     for kind, rows in blocks:
         nodes.setdefault(kind, []).append(np.asarray(rows))
     found = sorted(nodes)
-    kept = [kind for kind in found if kind in CORNERS]
-    others = [kind for kind in found if kind not in CORNERS]
-    if len(kept) == 1:
-        inside = np.unique(np.concatenate([rows.ravel() for rows in nodes[kept[0]]]))
+    counts = {kind: sum(map(len, nodes[kind])) for kind in found}
+    kept = max((kind for kind in found if kind in CORNERS), key=counts.__getitem__, default="")
+    if kept:
+        inside = np.unique(np.concatenate([rows.ravel() for rows in nodes[kept]]))
+        others = [kind for kind in found if kind != kept]
         if not any(np.isin(rows, inside).any() for kind in others for rows in nodes[kind]):
-            counts = {kind: sum(map(len, nodes[kind])) for kind in others}
-            return kept[0], {
-                f"{count} {kind if count == 1 else PLURAL[kind]}": "not supported; none touches a cell of the mesh"
-                for kind, count in counts.items()
+            why = {kind: f"the mesh has {PLURAL[kept]}" if kind in CORNERS else "not supported" for kind in others}
+            return kept, {
+                in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh" for kind, said in why.items()
             }
     names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
     said = f"mixes {names}" if len(found) > 1 else f"has {names}"
@@ -104,6 +104,20 @@ def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str,
         f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
         f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
     )
+
+
+def in_words(count: int, kind: str) -> str:
+    """A number of cells in words."""
+    return f"{count} {kind if count == 1 else PLURAL[kind]}"
+
+
+def of_other_kinds(sets: Mapping[str | int, Mapping[str, int]], kept: str) -> dict[str | int, str]:
+    """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh of the kept one."""
+    said = {name: " and ".join(in_words(count, kind) for kind, count in own.items()) for name, own in sets.items()}
+    return {
+        name: f"{what} in it, and a mesh has cells of one kind, here {PLURAL[kept]}: mesh all bodies of the scene so"
+        for name, what in said.items()
+    }
 
 
 def sides_of(kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "vtk") -> np.ndarray | None:

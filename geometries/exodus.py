@@ -10,7 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.compat import netcdf4
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, of_other_kinds, one_kind, sides_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron", "WED": "prism",
@@ -56,10 +56,11 @@ def _read(data: Any, path: Path) -> RawMesh:
     for block in blocks:
         if block.corners == width and DIMENSION.get(block.kind, 1) == dim - 1:
             surfaces |= {name: block.nodes[:, :width] for name in block.names if name not in surfaces}
+        elif block in solid and block not in own:
+            left_out |= of_other_kinds({name: {block.kind: len(block.nodes)} for name in block.names}, kind)
         elif block not in own:
-            left_out[block.names[-1]] = (
-                f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
-            )
+            what = f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
+            left_out |= dict.fromkeys(block.names, what)
     return RawMesh(_points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons)
 
 

@@ -1,4 +1,4 @@
-"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, and other formats of meshio.
+"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, formats of plug-ins, and those of meshio.
 
 Bodies and surfaces have their names in the file: physical groups of gmsh, sets and surfaces of Abaqus, blocks and side
 sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose nodes are all in the set.
@@ -6,6 +6,7 @@ sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,12 +18,13 @@ import numpy as np
 from hhr_dolfinx.compat import NamedMesh, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
 from hhr_dolfinx.geometries.by_meshio import read_by_meshio
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, of_other_kinds, one_kind, sides_of
 from hhr_dolfinx.geometries.conforming import conforming
 from hhr_dolfinx.geometries.groups import Group, groups_of_nodes, groups_of_unv
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
+from hhr_dolfinx.registry import load, named
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -107,12 +109,14 @@ def _advice(path: Path) -> str:
     """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
         return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
-    return f"Write it again, or in another format: {', '.join(ENDINGS)}"
+    return f"Write it again, or in another format: {', '.join((*ENDINGS, *named('readers')))}"
 
 
 def _reader(path: Path) -> Any:
     """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them .msh."""
     ending = path.suffix.lower()
+    if (place := named("readers").get(ending)) is not None:
+        return load(place)
     if ending == ".inp" or _begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
@@ -175,6 +179,12 @@ def read_by_gmsh(path: Path) -> RawMesh:
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
     of_unv = groups_of_unv(path) if path.suffix.lower() == ".unv" else {}
     cells, bodies = _joined(own, CORNERS[kind], of_unv)
+    lost: dict[str | int, Counter[str]] = {}
+    for entity in (item for item in solid if of[item] != kind):
+        for tag in {tag for group in entity.groups for tag in group if tag}:
+            lost.setdefault(tag, Counter())[of[entity]] += len(entity.nodes)
+    bodies = {tag: rows for tag, rows in bodies.items() if tag not in lost}
+    left_out |= of_other_kinds(lost, kind)
     facets, surfaces = _joined(sides, width, of_unv)
     nodes = {name: np.flatnonzero(np.isin(numbers, group.nodes)) for name, group in of_unv.items() if group.nodes.size}
     if path.suffix.lower() == ".med":

@@ -50,10 +50,10 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
     order = "first" if raw.sides is None else "second"
     count = f"{len(raw.cells)} {raw.kind if len(raw.cells) == 1 else PLURAL[raw.kind]}"
     head = f"{path.name}: {len(points)} nodes, {count} of {order} order, {_extent(points)}"
-    bodies = _lines({name: (len(rows), raw.cells[rows]) for name, rows in raw.bodies.items()}, raw.dim, points)
+    bodies = _lines({name: (len(rows), raw.cells[rows]) for name, rows in raw.bodies.items()}, 3, points)
     without = len(raw.cells) - np.unique(np.concatenate(list(raw.bodies.values()))).size
     if without:
-        bodies += (("in none", counted(without, raw.dim)),)
+        bodies += (("in none", counted(without, 3)),)
     outer = _lines({name: (len(facets), facets) for name, facets in surfaces.items()}, raw.dim - 1, points)
     lines = {name: nodes for name, nodes in raw.nodes.items() if name not in surfaces and len(nodes)}
     sets = _lines({name: (len(nodes), nodes) for name, nodes in lines.items()}, 0, points)
@@ -84,9 +84,10 @@ def _extent(points: np.ndarray) -> str:
     """Range of the coordinates of points."""
     if not len(points):
         return "nowhere"
-    low = points.min(axis=0)
-    high = points.max(axis=0)
-    flat = high - low <= 1e-9 * max(float(np.abs(points).max()), 1e-300)
+    size = max(float(np.abs(points).max()), 1e-300)
+    # sines of turned parts leave round-off
+    low, high = (np.where(np.abs(ends) < 1e-14 * size, 0.0, ends) for ends in (points.min(axis=0), points.max(axis=0)))
+    flat = high - low <= 1e-9 * size
     return ", ".join(
         f"{axis} = {a:.6g}" if same else f"{axis} {a:.6g} to {b:.6g}"
         for axis, a, b, same in zip("xyz", low, high, flat, strict=False)

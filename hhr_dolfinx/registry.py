@@ -99,6 +99,8 @@ class Plugin:
     facets: Mapping[str, str] = field(default=NOTHING)
     # places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`
     tools: Mapping[str, str] = field(default=NOTHING)
+    # places of readers of mesh files, ``(path) -> RawMesh`` of :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
+    readers: Mapping[str, str] = field(default=NOTHING)
     # places of functions ``(full, folder) -> None`` that write further files next to a model; collective over the ranks
     # of the full model
     companions: tuple[str, ...] = ()

@@ -106,7 +106,7 @@ EXTRA = {
     "nothing there": ("*SURFACE, NAME=LOST\nNOWHERE, S1\n", {"LOST": "'NOWHERE' has no cells of the mesh"}),
     "wedge": (
         nodes_of_deck(WEDGE, 100) + "*ELEMENT, TYPE=C3D6, ELSET=OTHER\n3, 100, 101, 102, 103, 104, 105\n",
-        {"OTHER": "1 element of type C3D6", "1 prism": "not supported"},
+        {"OTHER": "1 prism in it", "1 prism": "not supported"},
     ),
 }  # fmt: skip
 
@@ -146,6 +146,61 @@ def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
     path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
     with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
         hhr.MeshFile(path).read()
+
+
+OTHERS = {
+    "wedge": ([(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))], "C3D6", "WEDGE6", "prism"),
+    "tetra": ([(0, 0, 5.0), (1, 0, 5.0), (0, 1, 5.0), (0, 0, 6.0)], "C3D4", "TET4", "tetrahedron"),
+}
+
+
+def with_another_kind(path, what):
+    """The two cubes and a cell of another kind above them; number 3 and the name OTHER, and part of EVERY."""
+    places, of_deck, of_exodus, _ = OTHERS[what]
+    points = [*POINTS, *places]
+    other = [*range(17, len(points) + 1)]
+    if path.suffix == ".inp":
+        element = f"*ELEMENT, TYPE={of_deck}, ELSET=OTHER\n3, {', '.join(map(str, other))}\n"
+        return written(path, f"{DECK}{nodes_of_deck(places, 17)}{element}*ELSET, ELSET=EVERY\nLOWER, UPPER, OTHER\n")
+    if path.suffix == ".e":
+        blocks = {k: ("HEX8", [cube]) for k, cube in enumerate(CUBES, 1)} | {3: (of_exodus, [other])}
+        blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items()}
+        names = dict(zip((1, 2, 3, *FACES), ("LOWER", "UPPER", "OTHER", *NAMES[2:]), strict=True))
+        return write_exodus(path, points, blocks, names=names)
+    cells = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
+    cells += [(what, np.array([other]) - 1)]
+    numbers = [np.array([1, 2]), np.array([*FACES]), np.array([3])]
+    data = {"gmsh:physical": numbers, "gmsh:geometrical": numbers} if path.suffix == ".msh" else {"part": numbers}
+    names = dict(zip(NAMES, [(1, 3), (2, 3), *((n, 2) for n in FACES)], strict=True)) | {"OTHER": (3, 3)}
+    fields = {name: np.array(group) for name, group in names.items()} if path.suffix == ".msh" else {}
+    meshio.write(path, meshio.Mesh(np.array(points), cells, cell_data=data, field_data=fields),
+                 {"old.msh": "gmsh22"}.get(path.name))  # fmt: skip
+    return path
+
+
+@needs("nonmatching")
+@pytest.mark.parametrize("name", ["c.inp", "c.e", "old.msh", "new.msh", "c.vtu"])
+@pytest.mark.parametrize("what", OTHERS)
+def test_a_body_of_another_kind_of_cells_is_left_out_by_name(what, name, tmp_path):
+    """The rest is answered; a scene that names the body, or a set with part of it, is refused with the reason."""
+    if name == "new.msh":  # meshio writes no entities of version 4
+        gmsh.initialize()
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(with_another_kind(tmp_path / "old.msh", what)))
+        gmsh.write(str(tmp_path / name))
+        gmsh.finalize()
+        path = tmp_path / name
+    else:
+        path = with_another_kind(tmp_path / name, what)
+    numbers = name == "c.vtu"
+    assert pressure(path, NUMBERS if numbers else NAMES) == pytest.approx(10.0, rel=1e-9)
+    wanted = [3] if numbers else ["OTHER"]
+    for tag in [*wanted, "EVERY"] if name == "c.inp" else wanted:
+        with pytest.raises(SceneError) as found:
+            pressure(path, (tag, None, *(NUMBERS if numbers else NAMES)[2:]))
+        kind = OTHERS[what][-1]
+        assert f"{tag!r} is in the file: 1 {kind} in it, and a mesh has cells of one kind" in str(found.value)
+    assert any(f"1 {OTHERS[what][-1]}" in str(key) for key in reasons(path))
 
 
 @needs("nonmatching")

@@ -232,13 +232,14 @@ def test_second_order_from_xdmf(tmp_path):
 
 
 TRIANGLE = "*Node\n1,0,0\n2,1,0\n3,0,1\n4,1,1\n*Element,type=CPE3,elset=a\n1,1,2,3\n"
-KRATOS = "Begin Elements SmallDisplacementElement3D8N\n1 0 1 1 1 1 1 1 1 1\nEnd Elements\n"
+LINE = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n2\n1 0 0 0\n2 1 0 0\n$EndNodes\n"
+LINE += "$Elements\n1\n1 1 2 1 1 1 2\n$EndElements\n"
 WRONG = {
     "nothing.msh": (None, "there is no mesh file .*nothing.msh: .* has other.msh"),
     "text.msh": ("not a mesh", "text.msh cannot be read.*Couldn't read file"),
-    "k.mdpa": ("Begin Nodes\n1 0 0 0\nEnd Nodes\n" + KRATOS, "of a format that is not understood"),
+    "line.msh": (LINE, r"has cells of kinds \['line'\], .*of a format that is not understood"),
     "empty.inp": ("*Heading\n", "has no elements of the plane or of space"),
-    "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: parts and instances that are moved"),
+    "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: there is no part 'P' before it"),
     "set.inp": ("*Node\n1, 0, 0\n*Nset, nset=a\nnone\n", "line 3: there is no set 'none' before it"),
     "lost.inp": ("*Node\n1, 0, 0\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n", "element 1 has a node that is not in"),
     "face.inp": (TRIANGLE + "*Surface, name=s\na, S5\n", "surface 's': 'a, S5' is no face"),

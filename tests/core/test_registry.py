@@ -5,13 +5,15 @@ import importlib.metadata
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from needs import present
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
+from hhr_dolfinx.errors import FileContentError, NotOfferedError, PluginWarning, SceneError
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.registry import Plugin
 
 ROOT = Path(__file__).parents[2]
@@ -97,6 +99,31 @@ def test_the_tool_of_a_plug_in_draws(registered, monkeypatch):
     assert found is answer and path == "b.png" and mesh is full
 
 
+def read_by_a_test(path):
+    """A triangle whose first corner is in the file, by the name of its body."""
+    name, *place = path.read_text().split()
+    points = np.array([[float(word) for word in place], [1.0, 0.0], [0.0, 1.0]])
+    return RawMesh(points, "triangle", np.array([[0, 1, 2]]), {name: np.array([0])})
+
+
+def test_the_reader_of_a_plug_in_is_asked_for_files_of_its_ending(registered, monkeypatch, tmp_path):
+    """Before those of the core, whatever the file begins with; errors list the endings of all readers."""
+    monkeypatch.setattr(registry, "read_by_a_test", read_by_a_test, raising=False)
+    place = "hhr_dolfinx.registry:read_by_a_test"
+    registered(Entry(Plugin("a", readers={".tri": place, ".three": place})))
+    path = tmp_path / "mesh.TRI"
+    path.write_text("*NODE -2.0 0.5")
+    found = hhr.MeshFile(path).read()
+    assert found.bodies.keys() == {"*NODE"} and found.points[0].tolist() == [-2.0, 0.5]
+    for text, name in (("*NODE a b", "mesh.three"), ("nothing", "mesh.dat")):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(FileContentError, match=rf"{name} .* in another format: .*\.cgns, \.tri, \.three$"):
+            hhr.MeshFile(tmp_path / name).read()
+    registered(Entry(Plugin("a", readers={".tri": place})), Entry(Plugin("b", readers={".tri": "json:load"})))
+    with pytest.raises(SceneError, match=r"two plug-ins register '\.tri' among their readers"):
+        hhr.MeshFile(path).read()
+
+
 def test_our_plug_ins_register_as_those_of_others_do():
     entries = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][registry.GROUP]
     assert entries == {name: f"hhr_dolfinx.plugins.{name}:PLUGIN" for name in FOLDERS}
@@ -113,7 +140,10 @@ def test_what_a_plug_in_registers_is_there(name):
             assert (found.name if what == "commands" else found.__name__) == key
             assert what != "public" or getattr(hhr, key) is found
     parts = (place for named in plugin.parts.values() for place in named.values())
-    assert all(callable(registry.load(place)) for place in (*parts, *plugin.companions, *plugin.tools.values()))
+    assert all(
+        callable(registry.load(place))
+        for place in (*parts, *plugin.companions, *plugin.tools.values(), *plugin.readers.values())
+    )
 
 
 def test_the_stub_for_type_checkers_has_all_public_names():

@@ -8,6 +8,7 @@ from pathlib import Path
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.registry import named
 
 with extra("study", "the command hhr"):
     import click
@@ -17,18 +18,21 @@ MESHES = frozenset(".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .
 """Endings of mesh files, which are never scenes."""
 MOST_NAMES = 1000
 """Bodies, surfaces and sets of a mesh file that are listed."""
+MOST_PAIRS = 20
+"""Pairs of surfaces that are listed, those with the smallest gaps."""
 
 
 @click.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"))
 @SCENE
 @AT
-@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
+@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it; scenes as [<scene>_check.png]")
 @click.option("--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off")
 @guarded
 def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
     """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
 
-    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, and what is left out of it.
+    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, what is left out of it, and which
+    surfaces can be contacts, since they face each other; with --picture they are drawn.
 
     With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
     """
@@ -36,12 +40,10 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 
     checked_target(picture, PICTURES)
     console, _ = spoken()
-    path = Path(scene)
-    # a mesh file, or a file or folder that cannot be anything else
-    if (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES:
-        if words or picture is not None or mesh_error:
-            raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
-        console.print(_contents_of(scene), highlight=False, markup=False, soft_wrap=True)
+    if _is_mesh(scene):
+        if words or mesh_error:
+            raise click.UsageError(f"{scene} is a mesh: --at and --mesh-error are for scenes")
+        console.print(_contents_of(scene, picture), highlight=False, markup=False, soft_wrap=True)
         return
     from hhr_dolfinx.plugins.checks.check import check_scene
 
@@ -64,10 +66,30 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
     sys.exit(NO_ANSWER if found.mistakes else 0)
 
 
-def _contents_of(name: str) -> str:
-    """Contents of a mesh file, and how a scene refers to it."""
+def _is_mesh(name: str) -> bool:
+    """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
+    path = Path(name)
+    endings = MESHES | named("readers").keys()
+    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in endings
+
+
+def _contents_of(name: str, picture: Path | None) -> str:
+    """Contents of a mesh file, which may be drawn, pairs of surfaces for contacts, and how a scene refers to it."""
     from hhr_dolfinx.geometries.mesh_file import MeshFile
     from hhr_dolfinx.geometries.summary import summary_of
+    from hhr_dolfinx.plugins.checks.candidates import contact_candidates
 
-    found = summary_of(MeshFile(name).read(), Path(name)).text(MOST_NAMES)
+    raw = MeshFile(name).read()
+    found = summary_of(raw, Path(name)).text(MOST_NAMES)
+    gaps = contact_candidates(raw)
+    pairs = [f"    {names}: {'gap' if gap >= 0 else 'overlap'} {abs(gap):.3g}" for names, gap in gaps]
+    if pairs:
+        more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
+        lines = "\n".join(pairs[:MOST_PAIRS])
+        found = f"{found}\n  surfaces that face each other, for contacts, with their smallest gaps:\n{lines}{more}"
+    if picture is not None:
+        from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
+
+        figure_of_mesh(raw, Path(name).name).savefig(picture, dpi=150)
+        found = f"{found}\npicture: {picture}"
     return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"

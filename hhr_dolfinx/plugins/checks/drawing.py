@@ -13,7 +13,8 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, TENSOR, outer_faces
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.shown import point_of
 from hhr_dolfinx.plugins.checks.check import check_scene
@@ -39,6 +40,8 @@ LENGTH = 0.07
 FAINT = 0.02
 MOST = 20
 """Length of arrows over the mesh size, part of the largest force below which none is drawn, most arrows of a load."""
+MOST_SURFACES = 20
+"""Surfaces of a mesh file that are drawn."""
 HELD = "^sDvp*h"
 """Marks of surfaces with imposed displacements, in turn."""
 SHIFT = 0.1
@@ -73,41 +76,84 @@ def figure_of_scene(found: SceneCheck) -> Figure:
     look = MeshLook.of(found)
     kind = found.meshed.mesh.topology.cell_name()
     bodies = found.scene.bodies
-    flat = look.points.shape[1] == 2
-    figure = Figure(figsize=(9, 6.5), layout="constrained")
-    axes: Axes = figure.subplots() if flat else figure.add_subplot(projection="3d")
+    figure, axes = _new_figure(look.points)
     for place, body in enumerate(bodies):
         cells = look.cells[look.owner == place, : look.corners]
-        style = {"facecolor": f"C{place}", "edgecolor": "white", "label": f"body {body.tag}"}
-        if flat:
-            corners = look.points[cells[:, AROUND[look.corners]]]
-            axes.add_collection(PolyCollection(corners, linewidth=0.2, alpha=0.5, **style))
-        else:
-            faces = look.points[outer_faces(kind, cells[:, TENSOR[kind]] if kind in TENSOR else cells)]
-            axes.add_collection3d(Poly3DCollection(faces, linewidth=0.1, alpha=0.25, **style))
+        cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells
+        _draw_cells(axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"})
     for place, (surfaces, _) in enumerate(found.pairs):
-        colour = f"C{len(bodies) + place}"
         label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
         facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
-        if flat:
-            axes.add_collection(LineCollection(facets, colors=colour, linewidth=2.5, label=label))
-        else:
-            around = [facet[AROUND[len(facet)]] for facet in facets]
-            axes.add_collection3d(Poly3DCollection(around, facecolor=colour, alpha=0.9, label=label))
-    _draw_supports(found, axes, 5 if flat else 4)
+        # facets of a line have two corners
+        around = [facet[AROUND[len(facet)]] if len(facet) > 2 else facet for facet in facets]
+        _draw_facets(axes, around, f"C{len(bodies) + place}", label)
+    _draw_supports(found, axes, 5 if look.points.shape[1] == 2 else 4)
     _draw_loads(found, axes)
-    unit = _unit(found.scene, "length")
-    axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}", title=found.scene.name)
-    if flat:
+    _frame(figure, axes, look.points, _unit(found.scene, "length"), found.scene.name)
+    return figure
+
+
+def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
+    """Bodies and surfaces of a mesh file by name; each cell and each set of facets is drawn once."""
+    figure, axes = _new_figure(raw.points)
+    free = np.ones(len(raw.cells), dtype=bool)
+    # sets of all cells come last, and names before their numbers
+    bodies = sorted(raw.bodies.items(), key=lambda item: (len(item[1]), isinstance(item[0], int)))
+    drawn = 0
+    for name, rows in bodies:
+        if free[rows].all():
+            style = {"facecolor": f"C{drawn}", "label": f"body {name}"}
+            _draw_cells(axes, raw.points, raw.kind, raw.cells[rows], style)
+            free[rows] = False
+            drawn += 1
+    if free.any():
+        style = {"facecolor": "lightgray", "label": "in no body"}
+        _draw_cells(axes, raw.points, raw.kind, raw.cells[free], style)
+    known: set[bytes] = set()
+    for name, facets in sorted(raw.all_surfaces().items(), key=lambda item: isinstance(item[0], int)):
+        key = np.unique(np.sort(facets, axis=1), axis=0).tobytes()
+        if key not in known and len(known) < MOST_SURFACES:
+            known.add(key)
+            _draw_facets(axes, list(raw.points[facets]), f"C{drawn}", f"surface {name}")
+            drawn += 1
+    _frame(figure, axes, raw.points, "", title)
+    return figure
+
+
+def _new_figure(points: np.ndarray) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(9, 6.5), layout="constrained")
+    return figure, figure.subplots() if points.shape[1] == 2 else figure.add_subplot(projection="3d")
+
+
+def _draw_cells(axes: Axes, points: np.ndarray, kind: str, cells: np.ndarray, style: dict[str, str]) -> None:
+    """Cells of a plane body, or the outside of one in space; their corners are in the order of files."""
+    if points.shape[1] == 2:
+        axes.add_collection(PolyCollection(points[cells], linewidth=0.2, alpha=0.5, edgecolor="white", **style))
+    else:
+        faces = points[cells if DIMENSION[kind] == 2 else outer_faces(kind, cells)]
+        axes.add_collection3d(Poly3DCollection(faces, linewidth=0.1, alpha=0.25, edgecolor="white", **style))
+
+
+def _draw_facets(axes: Axes, facets: list[np.ndarray], colour: str, label: str) -> None:
+    """Facets of a surface, with their corners in circular order."""
+    if len(facets) and facets[0].shape[1] == 2:
+        axes.add_collection(LineCollection(facets, colors=colour, linewidth=2.5, label=label))
+    else:
+        axes.add_collection3d(Poly3DCollection(facets, facecolor=colour, alpha=0.9, label=label))
+
+
+def _frame(figure: Figure, axes: Axes, points: np.ndarray, unit: str, title: str) -> None:
+    """Limits, labels and legend."""
+    axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}", title=title)
+    if points.shape[1] == 2:
         axes.set_aspect("equal")
         axes.autoscale_view()
     else:
-        low = look.points.min(axis=0)
-        high = look.points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), zlabel=f"z{unit}")
         axes.set_box_aspect(high - low)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return figure
 
 
 def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:

@@ -1,0 +1,222 @@
+"""Lines and blocks of an Abaqus or CalculiX deck, and the nodes, elements, sets and surfaces that they define."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.geometries.cells import CORNERS
+
+_LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
+_PLANE = ("CPE", "CPS", "CAX", "S", "M3D", "R3D")
+_NOT_PLANE = ("SPRING", "SC6", "SC8")
+_SOLID = ("C3D", "SC8", "F3D")
+"""First letters of types of elements. Line elements, and plane ones in space, stand for facets, as gmsh writes them."""
+_COUNTED = re.compile(r"(?:AC|DC|GK|COH|[CFMRT])[23]D(\d+)|(?:C?GAX|C?CAX|CPE|CPS|SC?)(\d+)")
+"""Types whose name has the number of nodes, such as C3D8R."""
+_COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
+           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 5: "pyramid",
+               6: "prism", 15: "prism"}}  # fmt: skip
+"""Kinds of cells by dimension and number of nodes."""
+
+
+STRIDE = 10**10
+"""Numbers of nodes and elements of instance k = 1, 2, ... are those of its part plus k times this."""
+
+
+@dataclass
+class Deck:
+    """Contents of a deck, filled block by block.
+
+    Attributes:
+        nodes: coordinates by number.
+        elements: kind and corners by number.
+        whole: all nodes of each element by number.
+        types: types of all elements as written, by number, unsupported ones too.
+        node_sets, element_sets: numbers by name in capitals.
+        faces: faces of surfaces by name in capitals: an element or a set, and a face.
+        unions: names of the parts of surfaces that are unions, by name in capitals.
+        left_out: reasons for unsupported surfaces, by name.
+        spelling: names as first written, by kind of set and name in capitals.
+        instances: names of the instances whose contents are in the deck.
+    """
+
+    nodes: dict[int, list[float]] = field(default_factory=dict)
+    elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
+    whole: dict[int, list[int]] = field(default_factory=dict)
+    types: dict[int, str] = field(default_factory=dict)
+    node_sets: dict[str, list[int]] = field(default_factory=dict)
+    element_sets: dict[str, list[int]] = field(default_factory=dict)
+    faces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    unions: dict[str, list[str]] = field(default_factory=dict)
+    left_out: dict[str | int, str] = field(default_factory=dict)
+    spelling: dict[tuple[str, str], str] = field(default_factory=dict)
+    instances: list[str] = field(default_factory=list)
+
+    def named(self, kind: str, name: str) -> str:
+        """A name in capitals, as Abaqus compares them."""
+        self.spelling.setdefault((kind, name.upper()), name)
+        return name.upper()
+
+    def label(self, number: int) -> str:
+        """A node or element as it is called in the file: ``7``, or ``Instance.7``."""
+        instance, own = divmod(number, STRIDE)
+        return f"{self.instances[instance - 1]}.{own}" if instance else str(own)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines without blanks and comments, with their numbers. Included files are inserted, keyword lines are joined."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
+    for number, line in lines:
+        while line.startswith("*") and line.endswith(","):
+            line += next(lines, (0, "*"))[1]
+        found = re.match(r"\*\s*INCLUDE\s*,\s*INPUT\s*=\s*(.*)", line, re.IGNORECASE)
+        if found:
+            yield from _lines(path.parent / found[1].strip().strip('"'))
+        else:
+            yield number, line
+
+
+def _words(line: str) -> list[str]:
+    """Words of a line between commas, without the quotes of names, as in ``"an instance".set``."""
+    found = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
+    return [word.strip().replace('"', "") for word in found][: line.count(",") + 1]
+
+
+def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
+    """First line number, keyword, options and data lines of each block, with included files inserted."""
+    options: dict[str, str] = {}
+    rows: list[list[str]] = []
+    keyword = ""
+    start = 0
+    more = False
+    nodes: float = np.inf
+    for number, line in _lines(path):
+        words = _words(line)
+        if not line.startswith("*"):
+            if more and rows and keyword == "ELEMENT" and len(rows[-1]) - 1 < nodes:
+                # a line that ends in a comma continues in the next one, unless the element has all its nodes
+                rows[-1] = [*rows[-1], *(word for word in words if word)]
+            else:
+                rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
+            more = line.endswith(",")
+            continue
+        if keyword:
+            yield start, keyword, options, rows
+        keyword = " ".join(words[0].lstrip("* ").upper().split())
+        start = number
+        rows = []
+        more = False
+        pairs = (word.partition("=") for word in words[1:] if word)
+        options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+        counted = _COUNTED.match(options.get("TYPE", "").upper())
+        nodes = int(counted[1] or counted[2]) if counted else np.inf
+    if keyword:
+        yield start, keyword, options, rows
+
+
+def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a block to a deck; blocks that are not part of a mesh are skipped."""
+    if keyword == "NODE":
+        if options.get("SYSTEM", "R").upper() != "R":
+            raise ValueError("nodes in cylindrical or spherical coordinates (SYSTEM=) are not supported")
+        deck.nodes |= {int(row[0]): _place(row[1:4]) for row in rows}
+        if "NSET" in options:
+            deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
+    elif keyword == "ELEMENT":
+        _elements(deck, options, rows)
+    elif keyword in ("NSET", "ELSET"):
+        sets = deck.node_sets if keyword == "NSET" else deck.element_sets
+        name = deck.named(keyword.lower(), options[keyword])
+        members = _members(sets, rows, "GENERATE" in options)
+        if keyword == "NSET" and "ELSET" in options:
+            elements = deck.element_sets.get(options["ELSET"].upper(), [])
+            members = sorted({node for element in elements for node in deck.whole.get(element, ())})
+        sets.setdefault(name, []).extend(members)
+    elif keyword == "SURFACE":
+        _surface(deck, options, rows)
+    elif keyword == "SYSTEM" and rows:
+        raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
+
+
+def _place(words: list[str]) -> list[float]:
+    """Three coordinates of a node; missing ones are zero."""
+    return [number_of(word) for word in (*words, "", "", "")[:3]]
+
+
+def number_of(word: str) -> float:
+    """A number; a blank is zero, and 1.0D+00 of Fortran is accepted."""
+    return float(word.upper().replace("D", "E")) if word else 0.0
+
+
+def _surface(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a surface of faces or nodes, or a union of surfaces; other types are left out."""
+    name = deck.named("surface", options["NAME"])
+    kind = options.get("TYPE", "ELEMENT").upper()
+    combined = options.get("COMBINE", "UNION").upper()
+    if kind == "NODE":
+        deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
+            # a node or a set may be followed by its area
+            _members(deck.node_sets, [row[:1] for row in rows], False)
+        )
+    elif kind != "ELEMENT" or combined != "UNION":
+        what = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
+        deck.left_out[options["NAME"]] = f"surfaces of {what} are not read"
+    elif "COMBINE" in options:
+        deck.unions[name] = [word.upper() for row in rows for word in row if word]
+    else:
+        deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
+
+
+def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a block of elements; elements that are not cells, lines or facets keep only types and sets."""
+    name = options["TYPE"].upper()
+    kinds: dict[int, str] = {}
+    if name.startswith(_LINES):
+        kinds = {2: "line", 3: "line"}
+    elif name.startswith(_PLANE) and not name.startswith(_NOT_PLANE):
+        kinds = _COUNTS[2]
+    elif name.startswith(_SOLID):
+        kinds = _COUNTS[3]
+    if not kinds:
+        # continuation lines may look like elements; the set then only gets more numbers
+        rows = [row for row in rows if row and row[0].isdigit()]
+    for row in rows:
+        number, *nodes = (int(word) for word in row) if kinds else (int(row[0]),)
+        deck.types[number] = name
+        if not kinds:
+            continue
+        if len(nodes) not in kinds:
+            raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
+        kind = kinds[len(nodes)]
+        # the second of three nodes on a line is the middle one
+        deck.elements[number] = kind, nodes[:: len(nodes) - 1] if kind == "line" else nodes[: CORNERS.get(kind)]
+        deck.whole[number] = nodes
+    if "ELSET" in options:
+        members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
+        members.extend(int(row[0]) for row in rows)
+
+
+def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) -> list[int]:
+    """Numbers of a set, given one by one, as ranges, or as names of other sets."""
+    found: list[int] = []
+    for row in rows:
+        words = [word for word in row if word]
+        if ranges:
+            first, last, step = (*(int(word) for word in words), 1)[:3]
+            found.extend(range(first, last + 1, step))
+            continue
+        for word in words:
+            if word.lstrip("+-").isdigit():
+                found.append(int(word))
+            elif word.upper() in sets:
+                found.extend(sets[word.upper()])
+            else:
+                raise ValueError(f"there is no set '{word}' before it")
+    return found

@@ -1,0 +1,238 @@
+"""Mesh files of code_aster, FEBio, LS-DYNA and Kratos: two pressed cubes, cells of second order, and damaged files.
+
+The cubes are those of tests/core/test_file_contents.py: their pressure is 10, a closed form.
+"""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from needs import needs
+from test_deck_parts import SECOND
+from test_file_contents import CUBES, FACES, NAMES, POINTS, pressure, reasons, size_of, written
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.compat import degree_of
+from hhr_dolfinx.errors import FileContentError, SceneError
+from hhr_dolfinx.geometries.cells import EDGE_ORDERS
+
+BODIES = ("LOWER", "UPPER")
+SURFACES = dict(zip(NAMES[2:], FACES.values(), strict=True))
+
+
+def joined(words, between=" "):
+    return between.join(map(str, words))
+
+
+def mail():
+    """Names after NOM and as first words; the lid is a group of nodes."""
+    rows = ["TITRE", "cubes % of a test", "FINSF", "COOR_3D NBOBJ = 16", "  NBLIGE= 1"]
+    rows += [f" N{k}  {x:.10E} {y}D0 {z}" for k, (x, y, z) in enumerate(POINTS, 1)]
+    rows += ["FINSF", "%", "HEXA8"]
+    # a row may go on in the next line
+    rows += [f"M{k} " + joined(f"N{n}" for n in cube[:5]) + "\n  " + joined(f"N{n}" for n in cube[5:])
+             for k, cube in enumerate(CUBES, 1)]  # fmt: skip
+    rows += ["FINSF", "QUAD4"] + [f"Q{k} " + joined(f"N{n}" for n in face) for k, face in FACES.items()]
+    rows += ["FINSF", "GROUP_MA NOM = LOWER", "M1", "FINSF", "GROUP_MA", "UPPER  M2", "FINSF"]
+    for name, number in zip(NAMES[2:5], FACES, strict=False):
+        rows += ["GROUP_MA", name, f"Q{number}", "FINSF"]
+    rows += ["GROUP_NO NOM=LID", joined(f"N{n}" for n in FACES[14]), "FINSF", "FIN", ""]
+    return "\n".join(rows)
+
+
+def feb(version="4.0"):
+    """Sets of numbers as text from version 4 on, as elements before."""
+    new = version == "4.0"
+    rows = ['<?xml version="1.0" encoding="ISO-8859-1"?>', f'<febio_spec version="{version}">', "<Material/>"]
+    rows += ["<Mesh>" if version >= "3" else "<Geometry>", '<Nodes name="all">']
+    rows += [f'<node id="{k}">{joined(place, ",")}</node>' for k, place in enumerate(POINTS, 1)] + ["</Nodes>"]
+    for k, (name, cube) in enumerate(zip(BODIES, CUBES, strict=True), 1):
+        rows += [f'<Elements type="hex8" mat="{k}" name="{name}">', f'<elem id="{k}"> {joined(cube, ", ")} </elem>']
+        rows += ["</Elements>"]
+    for name, face in list(SURFACES.items())[:3]:
+        rows += [f'<Surface name="{name}">', f'<quad4 id="1">{joined(face, ",")}</quad4>', "</Surface>"]
+    members = joined(FACES[14], ",\n") if new else "".join(f'<node id="{k}"/>' for k in FACES[14])
+    rows += [
+        f'<NodeSet name="LID">{members}</NodeSet>',
+        '<SurfacePair name="pair"><primary>MASTER</primary></SurfacePair>',
+    ]
+    rows += ['<ElementSet name="both">' + ("1,2" if new else '<elem id="1"/><elem id="2"/>') + "</ElementSet>"]
+    return "\n".join([*rows, "</Mesh>" if version >= "3" else "</Geometry>", "</febio_spec>", ""])
+
+
+def keywords(form="fixed", title=True):
+    """Fixed fields of 8, 10 and 16, long ones of 20, or words between commas; solids in one row or two."""
+    width = {"fixed": 8, "long": 20, "commas": 0}[form]
+
+    def row(words, wide=width):
+        return joined(words, ",") if not width else "".join(f"{word!s:>{max(wide, width)}}" for word in words)
+
+    rows = ["$ a comment", "*KEYWORD" + (" LONG=Y" if form == "long" else ""), "*TITLE", "cubes", "*NODE"]
+    for k, place in enumerate(POINTS, 1):
+        rows += [row([k]) + ("" if width else ",") + row(place, 16)]
+    rows += ["*PART", "LOWER", row([1, 1, 1], 10), "UPPER", row([2, 1, 1], 10), "*ELEMENT_SOLID"]
+    rows += [row([1, 1, *CUBES[0]]), row([2, 2]), row(CUBES[1])]
+    for number, (name, face) in enumerate(list(SURFACES.items())[:3], 11):
+        rows += ["*SET_SEGMENT_TITLE", name] if title else ["*SET_SEGMENT"]
+        rows += [row([number, 0.0], 10), row(face, 10)]
+    rows += ["*SET_NODE_LIST_TITLE", "LID", row([14], 10), row([*FACES[14], 0, 0], 10)]
+    rows += ["*SET_BEAM", row([1], 10), "*CONTACT_SURFACE_TO_SURFACE", row([1], 10), "*END", "*NODE", "not read"]
+    return "\n".join([*rows, ""])
+
+
+def mdpa():
+    """Parts of the model within parts, and a table within properties."""
+    rows = ["Begin ModelPartData // nothing", "End ModelPartData", "Begin Properties 1", "Begin Table 1 A B", "0 1"]
+    rows += ["End Table", "End Properties", "Begin Nodes"]
+    rows += [f" {k} {joined(place)}" for k, place in enumerate(POINTS, 1)] + ["End Nodes"]
+    rows += ["Begin Elements SmallDisplacementElement3D8N// of GiD"]
+    rows += [f" {k} {k} {joined(cube)}" for k, cube in enumerate(CUBES, 1)] + ["End Elements"]
+    rows += ["Begin Conditions SurfaceCondition3D4N"]
+    rows += [f" {k} 0 {joined(face)}" for k, face in enumerate(FACES.values(), 1)] + ["End Conditions"]
+    rows += ["Begin SubModelPart Parts", "Begin SubModelPartTables", "1", "End SubModelPartTables"]
+    for k, name in enumerate(BODIES, 1):
+        rows += [f"Begin SubModelPart {name}", "Begin SubModelPartElements", f"{k}", "End SubModelPartElements"]
+        rows += ["End SubModelPart"]
+    rows += ["End SubModelPart"]
+    for k, name in enumerate(NAMES[2:5], 1):
+        rows += [f"Begin SubModelPart {name}", "Begin SubModelPartNodes", "1", "2", "End SubModelPartNodes"]
+        rows += ["Begin SubModelPartConditions", f"{k}", "End SubModelPartConditions", "End SubModelPart"]
+    rows += ["Begin SubModelPart LID", "Begin SubModelPartNodes", *map(str, FACES[14]), "End SubModelPartNodes"]
+    return "\n".join([*rows, "End SubModelPart", ""])
+
+
+FILES = {
+    "c.mail": mail(), "c.feb": feb(), "three.feb": feb("3.0"), "two.feb": feb("2.5"), "c.k": keywords(),
+    "commas.key": keywords("commas"), "long.k": keywords("long"), "c.mdpa": mdpa(),
+}  # fmt: skip
+
+
+@needs("nonmatching")
+@pytest.mark.parametrize("name", FILES)
+def test_the_pressure_of_two_cubes(name, tmp_path):
+    assert pressure(written(tmp_path / name, FILES[name]), NAMES) == pytest.approx(10.0, rel=1e-9)
+
+
+@needs("nonmatching")
+def test_numbers_of_parts_and_sets(tmp_path):
+    """Parts and segments without titles, properties of Kratos, and names within others."""
+    path = written(tmp_path / "c.k", keywords(title=False))
+    assert pressure(path, (1, "UPPER", 11, 12, 13, "LID")) == pytest.approx(10.0, rel=1e-9)
+    path = written(tmp_path / "c.mdpa", mdpa())
+    assert pressure(path, (1, "Parts.UPPER", *NAMES[2:])) == pytest.approx(10.0, rel=1e-9)
+    assert hhr.MeshFile(written(tmp_path / "c.feb", feb())).read().bodies["both"].tolist() == [0, 1]
+
+
+def test_what_is_not_read_is_said(tmp_path):
+    assert reasons(written(tmp_path / "c.k", keywords())) == {"*SET_BEAM": "blocks of this kind are not read"}
+    text = feb().replace("<NodeSet", '<Elements type="tet15" name="soft"><elem id="9">1</elem></Elements><NodeSet')
+    assert reasons(written(tmp_path / "c.feb", text)) == {"soft": "elements of type tet15 are not read"}
+    text = mail().replace("GROUP_NO", "HEXA9\nM7 N1\nFINSF\nGROUP_NO")
+    assert reasons(written(tmp_path / "c.mail", text)) == {"HEXA9": "elements of this kind are not read"}
+
+
+ORDERS = {"vtk": None, "exodus": EDGE_ORDERS["exodus"]["hexahedron"]}
+
+
+def of_second_order(ending, kind, order):
+    """One cell as the formats write it: upright edges of hexahedra come last in FEBio, and before the top elsewhere."""
+    corners, edges, _ = SECOND[kind]
+    edges = ORDERS[order] or edges
+    points = [*corners, *(tuple(np.mean([corners[a], corners[b]], axis=0).tolist()) for a, b in edges)]
+    numbers = [*range(1, len(points) + 1)]
+    if ending == ".mail":
+        rows = [f"N{k} {joined(p)}" for k, p in enumerate(points, 1)]
+        return "\n".join(["COOR_3D", *rows, "FINSF", {10: "TETRA10", 20: "HEXA20"}[len(points)],
+                          "M1", *(f"N{n}" for n in numbers), "FINSF", "FIN"])  # fmt: skip
+    if ending == ".feb":
+        rows = [f'<node id="{k}">{joined(p, ",")}</node>' for k, p in enumerate(points, 1)]
+        element = f'<elem id="1">{joined(numbers, ",")}</elem>'
+        type_ = {10: "tet10", 20: "hex20"}[len(points)]
+        return (f'<febio_spec version="4.0"><Mesh><Nodes>{"".join(rows)}</Nodes><Elements type="{type_}" name="E">'
+                f"{element}</Elements></Mesh></febio_spec>")  # fmt: skip
+    if ending == ".k":
+        rows = [joined([k, *p], ",") for k, p in enumerate(points, 1)]
+        return "\n".join(["*KEYWORD", "*NODE", *rows, "*ELEMENT_SOLID", "1,1", joined(numbers, ","), "*END"])
+    rows = [joined([k, *p]) for k, p in enumerate(points, 1)]
+    name = f"SmallDisplacementElement3D{len(points)}N"
+    return "\n".join(
+        ["Begin Nodes", *rows, "End Nodes", f"Begin Elements {name}", joined([1, 1, *numbers]), "End Elements"]
+    )
+
+
+@pytest.mark.parametrize(("ending", "kind", "order"), [
+    (".mail", "C3D10", "vtk"), (".feb", "C3D10", "vtk"), (".k", "C3D10", "vtk"), (".mdpa", "C3D10", "vtk"),
+    (".mail", "C3D20R", "exodus"), (".feb", "C3D20R", "vtk"), (".k", "C3D20R", "exodus"), (".mdpa", "C3D20R", "exodus"),
+])  # fmt: skip
+def test_cells_of_second_order(ending, kind, order, tmp_path):
+    path = written(tmp_path / f"c{ending}", of_second_order(ending, kind, order))
+    found = hhr.MeshFile(path)(MPI.COMM_SELF)
+    (name,) = {key for key, _ in found.physical_groups}
+    assert degree_of(found[0]) == 2 and size_of(found, name, 3) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_repeated_nodes_of_ls_dyna_are_simpler_cells(tmp_path):
+    """A tetrahedron is a solid whose last nodes are one; segments of three nodes are triangles. Includes are read."""
+    nodes = "*KEYWORD\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,9,9,9\n*END\n"
+    text = "*KEYWORD\n*INCLUDE\nnodes.k\n*ELEMENT_SOLID\n1,7,1,2,3,4,4,4,4,4\n*ELEMENT_SHELL\n1,8,1,2,3,3\n"
+    written(tmp_path / "nodes.k", nodes)
+    path = written(tmp_path / "c.k", f"{text}*SET_SEGMENT\n3\n1,2,4,4\n*END\n")
+    found = hhr.MeshFile(path).read()
+    assert found.kind == "tetrahedron" and found.bodies.keys() == {7} and len(found.points) == 4
+    assert found.surfaces[3].tolist() == [[0, 1, 3]]
+    assert found.surfaces[8].tolist() == [[0, 1, 2]]
+
+
+def test_plane_cells_of_code_aster_and_kratos(tmp_path):
+    text = (
+        "COOR_2D\nA 0 0\nB 1 0\nC 0 1\nFINSF\nTRIA3\nM A B C\nFINSF\nSEG2\nS A B\nFINSF\nGROUP_MA\nlow S\nFINSF\nFIN\n"
+    )
+    found = hhr.MeshFile(written(tmp_path / "c.mail", text)).read()
+    assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
+    assert hhr.MeshFile(written(tmp_path / "small.mail", text.lower())).read().surfaces.keys() == {"low"}
+    text = "Begin Nodes\n1 0 0 0\n2 1 0 0\n3 0 1 0\nEnd Nodes\nBegin Elements Element2D3N\n1 1 1 2 3\nEnd Elements\n"
+    text += "Begin Geometries Line2D2\n1 1 2\nEnd Geometries\nBegin SubModelPart low\nBegin SubModelPartGeometries\n1\n"
+    text += "End SubModelPartGeometries\nEnd SubModelPart\n"
+    found = hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read()
+    assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
+    text = text.replace("Element2D3N", "ShellOf3D3N").replace("Line2D2", "Line3D2")
+    assert hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read().kind == "triangle"
+
+
+ATTACK = '<!DOCTYPE x [<!ENTITY a "1"><!ENTITY b "&a;&a;&a;">]>\n'
+WRONG = {
+    "coordinate.mail": (mail().replace(" 0.0D0", " zero", 1), r"line 6: could not convert string to float: 'ZERO'"),
+    "open.mail": (mail().rpartition("FINSF")[0], r"the block GROUP_NO has no FINSF"),
+    "count.mail": (mail().replace("Q11 N1", "Q11 "), r"line 35: the last item of QUAD4 has 4 words, and not 5"),
+    "word.mail": ("OOPS\n", "line 1: 'OOPS' begins no block"),
+    "lost.mail": (mail().replace("Q11 N1 ", "Q11 N99 "), "a quad names node N99, which is not in the file"),
+    "empty.mail": ("FIN\n", "it is empty, or of a format"),
+    "entities.feb": (feb().replace("<febio_spec", ATTACK + "<febio_spec"), "line 2: files of FEBio have no <!DOCTYPE>"),
+    "torn.feb": (feb()[:-30], r"line \d+: no XML: "),
+    "other.feb": ("<html/>", "line 1: there is no <Mesh>"),
+    "apart.feb": ('<febio_spec><Mesh from="a.feb"/></febio_spec>', "save all in one file"),
+    "place.feb": (feb().replace("0.0,0.0,0.0", "a,b,c"), r"line 6: could not convert string to float: 'a'"),
+    "nodes.feb": (feb().replace("1, 2, 3, 4, 5", "1, 2, 3, 4"), r"line 24: an element of kind hexahedron has 7 nodes"),
+    "id.feb": (feb().replace('<node id="3"', "<node"), r"line 8: there is no 'id'"),
+    "word.k": (keywords("commas").replace("3,1.0,", "3,one,"), r"line 8: could not convert string to float: 'one'"),
+    "nodes.k": (keywords("commas").replace("1,1,1,2,3", "1,1,1,2"), r"line 28: element 1 has 7 nodes"),
+    "row.k": (keywords("commas").replace("2,2\n", "2,2\n*"), r"line 29: element 2 has no nodes"),
+    "include.k": ("*KEYWORD\n*INCLUDE\nnone.k\n", "none.k"),
+    "end.mdpa": (mdpa().replace("End Nodes", "End Elements"), r"line 25: 'End Elements' ends no block of Nodes"),
+    "open.mdpa": (mdpa().rpartition("End")[0], "a block of SubModelPart has no end"),
+    "kind.mdpa": (mdpa().replace("1 1 1 2 3", "1 1 1 2"), r"line 27: '\w+3D8N' has 7 nodes, which is not understood"),
+    "word.mdpa": ("Nodes\n", "line 1: 'Nodes' begins no block"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_damaged_files_are_refused_with_the_line(name, tmp_path):
+    text, message = WRONG[name]
+    with pytest.raises(FileContentError, match=message):
+        hhr.MeshFile(written(tmp_path / name, text)).read()
+
+
+@needs("nonmatching")
+def test_a_name_that_is_not_there_is_answered_by_those_that_are(tmp_path):
+    with pytest.raises(SceneError, match="no surface of the mesh is called 'TOP'") as found:
+        pressure(written(tmp_path / "c.mdpa", mdpa()), (*NAMES[:3], "TOP", *NAMES[4:]))
+    assert "MASTER" in str(found.value)
