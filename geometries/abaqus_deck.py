@@ -79,9 +79,10 @@ def read_deck(path: Path) -> RawMesh:
         FileContentError: for a deck without a mesh, or a damaged one.
     """
     deck = _Deck()
-    for line, keyword, options, rows in _blocks(path):
+    for line, keyword, options, rows in blocks(path):
         try:
             _take(deck, keyword, options, rows)
+            _name_loaded(deck, f"{keyword}:{line}", rows)
         except (ValueError, IndexError) as error:
             raise FileContentError(f"{path}, block *{keyword} at line {line}: {error}") from None
     return _mesh_of(deck, path)
@@ -107,7 +108,7 @@ def _words(line: str) -> list[str]:
     return [word.strip().strip('"') for word in re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)][: line.count(",") + 1]
 
 
-def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
+def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
     """First line number, keyword, options and data lines of each block, with included files inserted."""
     options: dict[str, str] = {}
     rows: list[list[str]] = []
@@ -161,6 +162,21 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
                              "'Do not use parts and assemblies in input files'")  # fmt: skip
     elif keyword == "SYSTEM" and rows:
         raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
+
+
+def _name_loaded(deck: _Deck, block: str, rows: list[list[str]]) -> None:
+    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have the same ones."""
+    for row in rows:
+        if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[1] if len(row) > 1 else ""):
+            name = deck.named("surface", name_of_loaded(block, row))
+            deck.faces.setdefault(name, []).append((row[0], f"S{row[1][1]}"))
+        elif block.startswith(("BOUNDARY:", "CLOAD:")) and row[0].isdigit():
+            deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(int(row[0]))
+
+
+def name_of_loaded(block: str, row: list[str]) -> str:
+    """Name of the nodes or faces of a row: of those in the same block, ``CLOAD:45``, under the same load."""
+    return " ".join([block, *(word for word in row[1:] if word)])
 
 
 def _place(words: list[str]) -> list[float]:

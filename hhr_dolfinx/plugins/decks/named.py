@@ -1,0 +1,122 @@
+"""Names of a mesh file as decks spell them, and the places of its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.geometries.cells import outer_faces_of_cells
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
+
+FLAT = 1e-6
+"""Deviation of unit normals up to which a surface is flat."""
+FAR = 100.0
+"""Distance of a plane that is out of reach, over the extent of the mesh."""
+SAME = 1e-6
+"""Distance over the extent of a surface up to which nodes coincide."""
+
+
+@dataclass(frozen=True)
+class NamedParts:
+    """Bodies, surfaces and sets of nodes of a mesh by their names, in which capitals do not matter."""
+
+    raw: RawMesh
+    path: Path
+
+    @cached_property
+    def surfaces(self) -> dict[Tag, np.ndarray]:
+        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by name."""
+        return self.raw.all_surfaces()
+
+    def body(self, name: str) -> Tag | None:
+        """Name of a set of cells as the mesh spells it; None without cells."""
+        return _spelt(name, self.raw.bodies)
+
+    def surface(self, name: str) -> Tag | None:
+        """Name of a surface as the mesh spells it; None without facets."""
+        return _spelt(name, self.surfaces)
+
+    def place(self, name: str) -> Tag | None:
+        """Name of a set of nodes, or of a surface, as the mesh spells it; None without nodes."""
+        return _spelt(name, {key for key, nodes in self.raw.nodes.items() if len(nodes)}) or self.surface(name)
+
+    def nodes(self, name: Tag) -> np.ndarray:
+        """Nodes of a set or of a surface by its spelling in the mesh."""
+        parts = [self.raw.nodes[name]] if name in self.raw.nodes else []  # type: ignore[index]
+        parts += [self.surfaces[name].ravel()] if name in self.surfaces else []
+        return np.unique(np.concatenate(parts))
+
+    def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
+        """Bodies among ``tags`` whose cells all belong to a set."""
+        found = self.body(name)
+        if found is None:
+            return []
+        rows = self.raw.bodies[found]
+        return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
+
+    @cached_property
+    def _owners(self) -> dict[tuple[int, ...], int]:
+        facets, owners = outer_faces_of_cells(self.raw.kind, self.raw.cells)
+        return dict(zip(map(tuple, np.sort(facets, axis=1).tolist()), owners.tolist(), strict=True))
+
+    def owners(self, name: Tag) -> np.ndarray:
+        """Cell of each outer facet of a surface, (f,); -1 for facets within a body."""
+        facets = np.sort(self.surfaces[name], axis=1).tolist()
+        return np.array([self._owners.get(tuple(facet), -1) for facet in facets])
+
+    def normals(self, name: Tag) -> np.ndarray:
+        """Outer unit normals of the facets of a surface, (f, dim)."""
+        points = self.raw.points[self.surfaces[name]]
+        edge = points[:, 1] - points[:, 0]
+        if points.shape[2] == 2:
+            normals = np.column_stack([edge[:, 1], -edge[:, 0]])
+        else:
+            normals = np.cross(edge, points[:, 2] - points[:, 0])
+        inside = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
+        side = np.einsum("fd,fd->f", normals, points.mean(axis=1) - inside)
+        return normals * (np.sign(side) / np.linalg.norm(normals, axis=1))[:, None]
+
+    def flat_normal(self, name: Tag) -> tuple[float, ...] | None:
+        """Outer unit normal of a flat surface, (dim,); None for a curved one."""
+        normals = self.normals(name)
+        mean = normals.mean(axis=0)
+        if not np.abs(normals - mean).max() < FLAT:
+            return None
+        return tuple((np.round(mean / np.linalg.norm(mean), 12) + 0.0).tolist())
+
+    def out_of_reach(self, supports: Sequence[Support]) -> Pair | None:
+        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none."""
+        held = np.zeros(self.raw.points.shape, dtype=bool)
+        for item in supports:
+            held[self.nodes(item.place), item.component] = True
+        extent = np.ptp(self.raw.points, axis=0).max()
+        for tilt in (0.0, 0.1):  # a plane that is tilted has conditions at nodes that are held along the normal too
+            for name in self.surfaces:
+                flat = self.flat_normal(name) if (self.owners(name) >= 0).all() else None
+                normal = np.array(flat or 0.0) + tilt
+                if flat is not None and (~held[self.nodes(name)] & (np.abs(normal) > FLAT)).any():
+                    normal /= np.linalg.norm(normal)
+                    offset = float((self.raw.points @ normal).max() + FAR * extent)
+                    text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())!r}, {offset!r})"
+                    return Pair(text, 0.0, self.path.name, words="no contact in the file: a plane out of reach")
+        return None
+
+    def coincide(self, first: Tag, second: Tag) -> bool:
+        """True if each node of one surface lies on one of the other."""
+        here, there = (self.raw.points[self.nodes(name)] for name in (first, second))
+        if len(here) != len(there):
+            return False
+        distance, partner = cKDTree(there).query(here)
+        return bool((distance <= SAME * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here))
+
+
+def _spelt(name: str, names: Iterable[Tag]) -> Tag | None:
+    """A name, or its last part after the name of an instance, among names in which capitals do not matter."""
+    known = {str(one).upper(): one for one in names}
+    return known.get(name.upper(), known.get(name.upper().rpartition(".")[2]))
