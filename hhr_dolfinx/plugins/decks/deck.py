@@ -1,9 +1,11 @@
-"""Contents of a deck in neutral form: readers of all formats make it, and one writer turns it into a scene."""
+"""Contents of a deck in neutral form: readers of all formats make it, and one writer turns it into a scene.
+
+Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 Tag = str | int
@@ -11,24 +13,15 @@ Tag = str | int
 
 @dataclass(frozen=True)
 class Material:
-    """Constants of a material, in the units of the deck.
-
-    Attributes:
-        name: its name in the deck.
-        source: file and line of its elasticity, ``deck.inp:12``.
-        young, poisson: Young's modulus and Poisson's ratio.
-        law: law in addition to elasticity as text of Python; empty for an elastic material.
-        expansion: coefficient of linear expansion; None if it is not given.
-        density: mass per volume; None if it is not given.
-    """
+    """Constants of a material."""
 
     name: str
     source: str
     young: float
     poisson: float
-    law: str = ""
-    expansion: float | None = None
-    density: float | None = None
+    law: str = ""  # law in addition to elasticity as text of Python, empty for an elastic material
+    expansion: float | None = None  # coefficient of linear expansion
+    density: float | None = None  # mass per volume
 
 
 @dataclass(frozen=True)
@@ -42,10 +35,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Support:
-    """Imposed displacement ``value`` of a component; supports of a block share a parameter.
-
-    ``place`` is the name of a set of the mesh, or text of Python for other nodes if ``code`` is true.
-    """
+    """Imposed displacement ``value`` of a component, 0 to 2, of a set of nodes or a surface."""
 
     place: Tag
     component: int
@@ -55,16 +45,9 @@ class Support:
 
 @dataclass(frozen=True)
 class Load:
-    """A load ``value`` times a unit load.
+    """A load: ``value`` times the unit load ``text``, Python with ``{}`` for the amplitude."""
 
-    Attributes:
-        kind: proposed name of a parameter, such as ``pressure``.
-        text: the unit load as text of Python, with ``{}`` for its amplitude.
-        value: amplitude.
-        source: file and line.
-    """
-
-    kind: str
+    kind: str  # proposed name of a parameter, such as ``pressure``
     text: str
     value: float
     source: str
@@ -72,21 +55,12 @@ class Load:
 
 @dataclass(frozen=True)
 class Pair:
-    """A contact pair.
-
-    Attributes:
-        text: the pair as text of Python, with ``{}`` for its friction.
-        friction: coefficient of Coulomb's law; 0 without.
-        source: file and line.
-        gap: length that is added to the gaps of the mesh.
-        words: comment on its choice.
-    """
+    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps."""
 
     text: str
     friction: float
     source: str
     gap: float = 0.0
-    words: str = ""
 
 
 @dataclass(frozen=True)
@@ -103,25 +77,13 @@ class Left:
 
 @dataclass(frozen=True)
 class Deck:
-    """Contents of a deck.
+    """Contents of a deck at the end of its last step."""
 
-    Attributes:
-        path: file of the mesh, to which names refer.
-        hypothesis: that of a scene.
-        sections: bodies with their materials.
-        supports, loads, pairs: supports, loads and contact pairs of the last step.
-        left: parts without counterpart.
-        seconds: duration of all steps, for laws with rates.
-        title: words on the origin of the scene.
-    """
-
-    path: Path
+    path: Path  # file of the mesh
     hypothesis: str
     sections: tuple[Section, ...]
     supports: tuple[Support, ...] = ()
     loads: tuple[Load, ...] = ()
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
-    seconds: float = 1.0
-    title: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 1.0  # duration of all steps, for laws with rates

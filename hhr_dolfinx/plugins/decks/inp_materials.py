@@ -6,90 +6,75 @@ from collections.abc import Sequence
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.decks.deck import Left, Material
-from hhr_dolfinx.plugins.decks.inp_words import Block
+from hhr_dolfinx.plugins.decks.inp_steps import Block
 
 OF_MATERIALS = frozenset({"MATERIAL", "ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY"})
 """Keywords that are read as parts of a material."""
 PLATEAU = 10.0
-"""Plastic strain up to which the last stress of a table is continued: decks keep it, TabulatedHardening goes on."""
+"""Plastic strain by which the last stress of a table is continued: decks keep it, and TabulatedHardening goes on."""
 
 
-def materials_of(found: Sequence[Block]) -> tuple[dict[str, Material], list[Left]]:
-    """Elastic materials, with their laws, by name in capitals, and properties without counterpart."""
-    materials: dict[str, Material] = {}
-    left: list[Left] = []
-    name = ""
-    own: dict[str, Block] = {}
-    for block in (*found, Block("", 0, "MATERIAL", {"NAME": ""}, ())):
+def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material]:
+    """Elastic materials, with their laws, by name in capitals; properties without counterpart are left."""
+    own: dict[str, dict[str, Block]] = {}
+    for block in found:
         if block.keyword == "MATERIAL":
-            if "ELASTIC" in own:
-                materials[name.upper()] = _material(name, own, left)
-            name = block.option("NAME")
-            own = {}
-        elif block.keyword in OF_MATERIALS and block.rows:
-            own[block.keyword] = block
-    return materials, left
+            own[name := block.option("NAME").upper()] = {}
+        elif block.keyword in OF_MATERIALS and block.rows and own:
+            own[name][block.keyword] = block
+    return {name: _material(name, parts, left) for name, parts in own.items() if "ELASTIC" in parts}
 
 
 def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     elastic = own["ELASTIC"]
-    kind = elastic.options.get("TYPE", "ISOTROPIC").upper()
     row = elastic.numbers(elastic.rows[0])
-    if kind not in ("ISO", "ISOTROPIC") or len(row) < 2:
+    kind = elastic.options.get("TYPE", "ISO").upper()
+    if not kind.startswith("ISO") or len(row) < 2:
         raise FileContentError(
-            f"{elastic.source} *ELASTIC of material '{name}' must have E and nu, and is TYPE={kind} with {row}: give it "
-            "isotropic constants, and change the body to hhr.Orthotropic in the scene"
+            f"{elastic.source} *ELASTIC of material '{name}' is TYPE={kind} with {row}, and E and nu are needed: give "
+            "it these, and change the body to hhr.Orthotropic in the scene"
         )
     for block in own.values():
-        width = {"ELASTIC": 3, "PLASTIC": 3, "CREEP": 4, "EXPANSION": 2, "DENSITY": 2}[block.keyword]
-        if len(block.rows) > 1 and len(block.rows[0]) >= width and block.keyword != "PLASTIC":
+        if len(block.rows) > 1 and block.keyword != "PLASTIC":
             left.append(block.left(f"'{name}' depends on temperature: its first line is taken"))
-    single = {key: own[key].number(own[key].rows[0][0]) for key in ("EXPANSION", "DENSITY") if key in own}
-    return Material(
-        name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")
-    )
+    expansion, density = (own[key].number(own[key].rows[0][0]) if key in own else None
+                          for key in ("EXPANSION", "DENSITY"))  # fmt: skip
+    return Material(name, elastic.source, row[0], row[1], _law(own, left), expansion, density)
 
 
 def _law(own: dict[str, Block], left: list[Left]) -> str:
-    """Text of the law of bodies; empty for an elastic material."""
-    curve = _curve(own["PLASTIC"], left) if "PLASTIC" in own else []
-    creep = own.get("CREEP")
-    if creep is None:
-        return _plastic(own["PLASTIC"], curve, left) if curve else ""
-    factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
-    kind = creep.options.get("LAW", "STRAIN").upper()
-    if kind not in ("STRAIN", "TIME", "NORTON") or not factor > 0 or exponent < 1:
-        left.append(creep.left(f"LAW={kind} with {creep.rows[0]} is not Norton's"))
-        return _plastic(own["PLASTIC"], curve, left) if curve else ""
-    # A q^n t^m is (q / K)^n t^m of PrimaryCreep's strain, A / (m + 1) q^n t^(m + 1)
-    resistance = (factor / (power + 1)) ** (-1 / exponent)
-    if power:
-        if curve:
-            left.append(own["PLASTIC"].left("plasticity beside creep that depends on time: creep is taken alone"))
-        return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})"
-    if curve:
-        slope = (curve[-1][0] - curve[0][0]) / (curve[-1][1] or 1.0)
-        if len(curve) > 2:
-            left.append(own["PLASTIC"].left("beside creep hardening is linear: from its first to its last point"))
-        return f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, {exponent!r})"
-    return f"hhr.Norton({resistance!r}, {exponent!r})"
+    """Text of the law of a body; empty for an elastic one."""
+    plastic, creep = own.get("PLASTIC"), own.get("CREEP")
+    curve = _curve(plastic, left) if plastic is not None else []
+    if creep is not None:
+        factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
+        kind = creep.options.get("LAW", "STRAIN").upper()
+        if kind in ("STRAIN", "TIME", "NORTON") and factor > 0 and exponent >= 1 and -1 < power <= 0:
+            # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
+            resistance = (factor / (power + 1)) ** (-1 / exponent)
+            if not curve:
+                norton = f"hhr.Norton({resistance!r}, {exponent!r})"
+                return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})" if power else norton
+            if not power and len(curve) < 3:
+                slope = (curve[-1][0] - curve[0][0]) / (curve[-1][1] or 1.0)
+                return f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, {exponent!r})"
+        left.append(creep.left(f"LAW={kind} with {', '.join(creep.rows[0])} has no counterpart, or not with *PLASTIC"))
+    return _plastic(plastic, curve, left) if plastic is not None else ""
 
 
 def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
     """Stresses and plastic strains, at the first of several temperatures."""
-    rows = [block.numbers(row) for row in block.rows]
-    temperatures = [row[2] for row in rows if len(row) > 2]
-    if len(set(temperatures)) > 1:
-        left.append(block.left(f"depends on temperature: that at {temperatures[0]:g} is taken"))
-    kept = [row for row in rows if len(row) < 3 or row[2] == temperatures[0]]
-    return [(row[0], row[1] if len(row) > 1 else 0.0) for row in kept]
+    rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
+    if any(row[2] != rows[0][2] for row in rows):
+        left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} is taken"))
+    return [row[:2] for row in rows if row[2] == rows[0][2]]
 
 
 def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -> str:
     kind = block.options.get("HARDENING", "ISOTROPIC").upper()
     if len(curve) == 1:
         return f"hhr.Plasticity({curve[0][0]!r})"
-    if kind == "KINEMATIC" and len(curve) == 2:
+    if kind == "KINEMATIC" and len(curve) == 2 and curve[1][1] > curve[0][1]:
         slope = (curve[1][0] - curve[0][0]) / (curve[1][1] - curve[0][1])
         return f"hhr.Chaboche({curve[0][0]!r}, (({slope!r}, 0.0),))"
     if kind != "ISOTROPIC":

@@ -1,94 +1,116 @@
-"""Steps of a deck: the supports and loads at the end of the last one, with their amplitudes."""
+"""Blocks and steps of a deck: the supports and loads at the end of the last step, with their amplitudes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.plugins.decks.inp_words import Block
+from hhr_dolfinx.geometries.abaqus_deck import name_of_loaded
+from hhr_dolfinx.plugins.decks.deck import Left
 
-KINDS = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE")
 _TYPES = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
 """Components that supports by a word hold."""
 
 
 @dataclass(frozen=True)
-class Imposed:
-    """A support or a load at the end of the last step.
+class Block:
+    """A keyword in capitals without its star, its options by names in capitals, and the words of its data lines."""
 
-    Attributes:
-        block: its block.
-        row: words of its line.
-        place: name of the nodes, faces or cells that it acts on.
-        component: component of a support or of a force; -1 for other loads.
-        factor: value of its amplitude at the end of its step, times the value of a support or of a force.
-    """
+    file: str
+    line: int
+    keyword: str
+    options: Mapping[str, str]
+    rows: Sequence[Sequence[str]]
+
+    @property
+    def source(self) -> str:
+        """File and line."""
+        return f"{self.file}:{self.line}"
+
+    def option(self, name: str) -> str:
+        """An option that must be there; FileContentError without it."""
+        if name not in self.options:
+            raise FileContentError(f"{self.source} *{self.keyword} has no option {name}=")
+        return self.options[name]
+
+    def number(self, word: str) -> float:
+        """A number, also in the notation 1.0D+00; FileContentError for other words."""
+        try:
+            return float(word.upper().replace("D", "E"))
+        except ValueError:
+            raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no number") from None
+
+    def numbers(self, row: Sequence[str], first: int = 0) -> list[float]:
+        """Numbers of a data line from a word on; blank words are 0."""
+        return [self.number(word) if word else 0.0 for word in row[first:]]
+
+    def left(self, why: str) -> Left:
+        """This block as one without counterpart."""
+        return Left(self.source, f"*{self.keyword}", why)
+
+
+@dataclass(frozen=True)
+class Imposed:
+    """A row of a support or a load that acts at the end of the last step."""
 
     block: Block
     row: Sequence[str]
-    place: str
-    component: int
-    factor: float
+    place: str  # name of the nodes, faces or cells
+    component: int  # of a support or of a force, -1 for other loads
+    factor: float  # amplitude at the end of its step, times the value of a support or of a force
 
 
 def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step; rows of later steps replace those of the same place."""
     state: dict[tuple[str, str, object], Imposed] = {}
     curves = {block.option("NAME").upper(): block for block in found if block.keyword == "AMPLITUDE"}
-    end = 0.0
-    period = 1.0
-    fresh: set[str] = set()
-    for place, block in enumerate(found):
+    end, period = 0.0, 1.0
+    seen: set[str] = set()
+    for number, block in enumerate(found):
         if block.keyword == "STEP":
-            fresh = set()
-            period = next((_period(one) for one in found[place:] if one.keyword in ("STATIC", "VISCO")), 1.0)
+            seen = set()
+            period = next((period_of(one) for one in found[number:] if one.keyword in ("STATIC", "VISCO")), 1.0)
             end += period
-        if block.keyword not in KINDS:
+        if block.keyword not in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE"):
             continue
-        if block.options.get("OP", "").upper() == "NEW" and block.keyword not in fresh:
+        if block.options.get("OP", "").upper() == "NEW" and block.keyword not in seen:
             state = {key: item for key, item in state.items() if key[0] != block.keyword}
-        fresh.add(block.keyword)
+        seen.add(block.keyword)
         factor = _factor(block, curves, period, end)
         for row in block.rows:
             for detail, item in _rows(block, row, factor):
                 key = (block.keyword, row[0].upper(), detail)
                 state.pop(key, None)
                 state[key] = item
-    # rows by numbers that the reader gave one name
+    # the reader gives rows by numbers with the same load one name
     return tuple({(item.place, item.component, *item.row[1:]): item for item in state.values()}.values())
 
 
 def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:
-    """Imposed quantities of a line, each with what tells it from others of the same place."""
+    """Quantities that a row imposes, with what tells each from others of the same place."""
     if len(row) < 2:
         raise FileContentError(f"{block.source} *{block.keyword}: '{', '.join(row)}' has too few words")
+    word = row[1].upper()
+    components: Sequence[int] = (-1,)
+    value = 1.0
+    by_number = row[0].isdigit()
     if block.keyword == "BOUNDARY":
-        word = row[1].upper()
-        first = 1 if word in _TYPES or not word else _component(block, row[1])
+        first = 1 if word in _TYPES or not word else _component(block, word)
         last = _component(block, row[2]) if len(row) > 2 and row[2] else first
         components = _TYPES.get(word, range(first - 1, last))
-        value = block.number(row[3]) if len(row) > 3 and row[3] else 0.0
+        value = sum(block.numbers(row[:4], 3))
     elif block.keyword == "CLOAD":
-        components = (_component(block, row[1]) - 1,)
-        value = block.number(row[2]) if len(row) > 2 else 0.0
+        components = (_component(block, word) - 1,)
+        value = sum(block.numbers(row[:3], 2))
     else:
-        yield (
-            row[1].upper() if block.keyword != "TEMPERATURE" else "",
-            Imposed(
-                block, row, block.place(row) if block.keyword == "DLOAD" and _on_faces(row) else row[0], -1, factor
-            ),
-        )
-        return
+        by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
+    place = name_of_loaded(f"{block.keyword}:{block.line}", list(row)) if by_number else row[0]
     for component in components:
-        yield component, Imposed(block, row, block.place(row), component, factor * value)
-
-
-def _on_faces(row: Sequence[str]) -> bool:
-    """True for a pressure on a face of elements, ``P2``."""
-    return len(row[1]) == 2 and row[1][0] in "pP" and row[1][1].isdigit()
+        detail = word if block.keyword in ("DLOAD", "DSLOAD") else component
+        yield detail, Imposed(block, row, place, component, factor * value)
 
 
 def _component(block: Block, word: str) -> int:
@@ -97,11 +119,12 @@ def _component(block: Block, word: str) -> int:
     return int(word)
 
 
-def _period(block: Block) -> float:
+def period_of(block: Block) -> float:
+    """Duration of a step by its *STATIC or *VISCO."""
     return block.number(block.rows[0][1]) if block.rows and len(block.rows[0]) > 1 and block.rows[0][1] else 1.0
 
 
-def _factor(block: Block, curves: dict[str, Block], period: float, end: float) -> float:
+def _factor(block: Block, curves: Mapping[str, Block], period: float, end: float) -> float:
     """Value of the amplitude of a block at the end of the step, 1 without one."""
     name = block.options.get("AMPLITUDE", "").upper()
     if not name:
@@ -109,20 +132,8 @@ def _factor(block: Block, curves: dict[str, Block], period: float, end: float) -
     if name not in curves:
         raise FileContentError(f"{block.source} *{block.keyword}: there is no amplitude '{name}'")
     curve = curves[name]
-    values = np.array([curve.number(word) for row in curve.rows for word in row if word])
-    if values.size % 2 or not values.size:
+    values = [curve.number(word) for row in curve.rows for word in row if word]
+    if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")
     time = end if curve.options.get("TIME", "").upper().startswith("TOTAL") else period
     return float(np.interp(time, values[::2], values[1::2]))
-
-
-def seconds_of(found: Sequence[Block]) -> float:
-    """Duration of all steps."""
-    return sum(_period(block) for block in found if block.keyword in ("STATIC", "VISCO")) or 1.0
-
-
-def initial_temperatures(found: Sequence[Block]) -> Iterator[tuple[str, float]]:
-    """Sets of nodes and their temperatures at the start."""
-    for block in found:
-        if block.keyword == "INITIAL CONDITIONS" and block.options.get("TYPE", "").upper() == "TEMPERATURE":
-            yield from ((row[0], block.number(row[1])) for row in block.rows if len(row) > 1)

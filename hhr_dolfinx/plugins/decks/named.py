@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,11 +14,9 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
 
 FLAT = 1e-6
-"""Deviation of unit normals up to which a surface is flat."""
+"""Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to which they coincide."""
 FAR = 100.0
 """Distance of a plane that is out of reach, over the extent of the mesh."""
-SAME = 1e-6
-"""Distance over the extent of a surface up to which nodes coincide."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,6 @@ class NamedParts:
     """Bodies, surfaces and sets of nodes of a mesh by their names, in which capitals do not matter."""
 
     raw: RawMesh
-    path: Path
 
     @cached_property
     def surfaces(self) -> dict[Tag, np.ndarray]:
@@ -44,7 +40,7 @@ class NamedParts:
 
     def place(self, name: str) -> Tag | None:
         """Name of a set of nodes, or of a surface, as the mesh spells it; None without nodes."""
-        return _spelt(name, {key for key, nodes in self.raw.nodes.items() if len(nodes)}) or self.surface(name)
+        return _spelt(name, {key for key, nodes in self.raw.nodes.items() if len(nodes)} | self.surfaces.keys())
 
     def nodes(self, name: Tag) -> np.ndarray:
         """Nodes of a set or of a surface by its spelling in the mesh."""
@@ -54,11 +50,18 @@ class NamedParts:
 
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
         """Bodies among ``tags`` whose cells all belong to a set."""
-        found = self.body(name)
-        if found is None:
-            return []
-        rows = self.raw.bodies[found]
+        rows = self.raw.bodies.get(self.body(name), [])  # type: ignore[arg-type]
         return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
+
+    def apart(self) -> list[Tag]:
+        """Bodies without common cells: sets with names come first, then small ones."""
+        free = np.ones(len(self.raw.cells), dtype=bool)
+        found = []
+        for tag in sorted(self.raw.bodies, key=lambda one: (isinstance(one, int), len(self.raw.bodies[one]))):
+            if free[self.raw.bodies[tag]].all() and len(self.raw.bodies[tag]):
+                free[self.raw.bodies[tag]] = False
+                found.append(tag)
+        return found
 
     @cached_property
     def _owners(self) -> dict[tuple[int, ...], int]:
@@ -67,53 +70,49 @@ class NamedParts:
 
     def owners(self, name: Tag) -> np.ndarray:
         """Cell of each outer facet of a surface, (f,); -1 for facets within a body."""
-        facets = np.sort(self.surfaces[name], axis=1).tolist()
-        return np.array([self._owners.get(tuple(facet), -1) for facet in facets])
+        return np.array([self._owners.get(tuple(one), -1) for one in np.sort(self.surfaces[name], axis=1).tolist()])
 
     def normals(self, name: Tag) -> np.ndarray:
         """Outer unit normals of the facets of a surface, (f, dim)."""
         points = self.raw.points[self.surfaces[name]]
         edge = points[:, 1] - points[:, 0]
-        if points.shape[2] == 2:
-            normals = np.column_stack([edge[:, 1], -edge[:, 0]])
-        else:
-            normals = np.cross(edge, points[:, 2] - points[:, 0])
+        plane = points.shape[2] == 2
+        normals = edge[:, ::-1] * [1, -1] if plane else np.cross(edge, points[:, 2] - points[:, 0])
         inside = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
         side = np.einsum("fd,fd->f", normals, points.mean(axis=1) - inside)
         return normals * (np.sign(side) / np.linalg.norm(normals, axis=1))[:, None]
 
-    def flat_normal(self, name: Tag) -> tuple[float, ...] | None:
+    def flat_normal(self, name: Tag) -> np.ndarray | None:
         """Outer unit normal of a flat surface, (dim,); None for a curved one."""
         normals = self.normals(name)
         mean = normals.mean(axis=0)
-        if not np.abs(normals - mean).max() < FLAT:
-            return None
-        return tuple((np.round(mean / np.linalg.norm(mean), 12) + 0.0).tolist())
+        return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT else None
 
-    def out_of_reach(self, supports: Sequence[Support]) -> Pair | None:
+    def pair(self, slave: Tag, master: Tag, friction: float, source: str, gap: float = 0.0) -> Pair:
+        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide, else mortar."""
+        normal = self.flat_normal(slave)
+        here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
+        if normal is not None and len(here) == len(there):
+            distance, partner = cKDTree(there).query(here)
+            if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here):
+                text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
+                return Pair(text, friction, source, gap)
+        return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source, gap)
+
+    def out_of_reach(self, supports: Sequence[Support]) -> tuple[Pair, ...]:
         """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none."""
         held = np.zeros(self.raw.points.shape, dtype=bool)
         for item in supports:
             held[self.nodes(item.place), item.component] = True
-        extent = np.ptp(self.raw.points, axis=0).max()
+        flat = {name: self.flat_normal(name) for name in self.surfaces if (self.owners(name) >= 0).all()}
         for tilt in (0.0, 0.1):  # a plane that is tilted has conditions at nodes that are held along the normal too
-            for name in self.surfaces:
-                flat = self.flat_normal(name) if (self.owners(name) >= 0).all() else None
-                normal = np.array(flat or 0.0) + tilt
-                if flat is not None and (~held[self.nodes(name)] & (np.abs(normal) > FLAT)).any():
-                    normal /= np.linalg.norm(normal)
-                    offset = float((self.raw.points @ normal).max() + FAR * extent)
-                    text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())!r}, {offset!r})"
-                    return Pair(text, 0.0, self.path.name, words="no contact in the file: a plane out of reach")
-        return None
-
-    def coincide(self, first: Tag, second: Tag) -> bool:
-        """True if each node of one surface lies on one of the other."""
-        here, there = (self.raw.points[self.nodes(name)] for name in (first, second))
-        if len(here) != len(there):
-            return False
-        distance, partner = cKDTree(there).query(here)
-        return bool((distance <= SAME * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here))
+            for name, normal in flat.items():
+                if normal is not None and (~held[self.nodes(name)] & (np.abs(normal + tilt) > FLAT)).any():
+                    along = (normal + tilt) / np.linalg.norm(normal + tilt)
+                    offset = float((self.raw.points @ along).max() + FAR * np.ptp(self.raw.points, axis=0).max())
+                    text = f"hhr.Obstacle({name!r}, {tuple(along.tolist())}, {offset!r})"
+                    return (Pair(text, 0.0, "no contact in the file: a plane out of reach"),)
+        return ()
 
 
 def _spelt(name: str, names: Iterable[Tag]) -> Tag | None:

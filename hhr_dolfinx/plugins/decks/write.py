@@ -14,38 +14,40 @@ STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
 
 
-def scene_text(deck: Deck, target: Path) -> str:
-    """Text of the scene file ``target``; the mesh is named relative to its folder."""
+def scene_text(deck: Deck, file: Path, target: Path) -> str:
+    """Text of the scene file ``target`` of a deck in a file; the mesh is named relative to the folder of the target."""
     parameters = proposed(deck)
-    by_item = amplitudes(parameters)
+    of = amplitudes(parameters)
     mesh = Path(os.path.relpath(deck.path.absolute(), target.absolute().parent)).as_posix()
-    lines = [f'"""{deck.title or f"Scene of {deck.path.name}, written by hhr start."}']
-    lines += ["", *_instructions(deck, target, parameters), '"""', "", "from pathlib import Path", ""]
-    lines += ["import hhr_dolfinx as hhr", "", f"MESH = Path(__file__).parent / {mesh!r}", ""]
-    lines += [f"# {left}" for left in deck.left]
-    lines += ["", "scene = hhr.Scene(", f"    name={_identifier(deck.path.stem)!r},"]
-    lines += ["    geometry=hhr.MeshFile(MESH),", f"    hypothesis={deck.hypothesis!r},"]
+    stem = re.sub(r"\W", "_", file.stem)
     parts: Mapping[str, Iterator[str]] = {
-        "bodies": (_body(item, by_item) for item in deck.sections),
+        "bodies": (_body(item, of) for item in deck.sections),
         "contacts": map(_pair, deck.pairs),
-        "displacements": _supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, by_item),
+        "displacements": _supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, of),
         "loads": (
-            _line(load.text.replace("{}", by_item.get(load, repr(load.value))), load.source) for load in deck.loads
+            f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
         ),
-        "openings": _openings(deck.pairs, by_item),
-        "outputs": _outputs(deck.pairs),
+        "openings": _openings(deck.pairs, of),
+        "outputs": (f'hhr.LargestPressure("largest pressure {k}", contact={k}),' for k in range(len(deck.pairs))),
     }
+    lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
+    lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
+    lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
+    lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
+    lines += ["    geometry=hhr.MeshFile(MESH),", f"    hypothesis={deck.hypothesis!r},"]
     for name, items in parts.items():
-        rows = [f"        {row}" for row in items]
-        lines += [f"    {name}=(", *rows, "    ),"] if rows else []
-    lines += [f"    parameters={_space(parameters)},", ")"]
-    if any(item.material.law for item in deck.sections):
-        lines += ["", *_paths(deck, parameters)]
-    return "\n".join(lines) + "\n"
+        lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
+    bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
+    lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
+    return "\n".join([*lines, *(_paths(deck, parameters) if _flows(deck) else ())]) + "\n"
+
+
+def _flows(deck: Deck) -> bool:
+    return any(item.material.law for item in deck.sections)
 
 
 def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
-    duration = f" --duration {deck.seconds:g}" if any(item.material.law for item in deck.sections) else ""
+    duration = f" --duration {deck.seconds:g}" if _flows(deck) else ""
     yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
     yield f"    hhr solve {target.name}{duration}    # the middle of the box, which is the state of the file"
     yield f"    hhr reduce {target.name}   # a small model for all of the box"
@@ -54,64 +56,38 @@ def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> I
         yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, and {one.value:g} in the file."
 
 
-def _identifier(stem: str) -> str:
-    word = re.sub(r"\W", "_", stem)
-    return word if word.isidentifier() else f"deck_{word}"
-
-
-def _line(text: str, source: str, words: str = "") -> str:
-    return f"{text},  # {source}{f': {words}' if words else ''}"
-
-
-def _body(item: Section, by_item: Mapping[Item, str]) -> str:
+def _body(item: Section, of: Mapping[Item, str]) -> str:
     material = item.material
-    young = by_item.get(item, repr(material.young))
     law = f", law={material.law}" if material.law else ""
-    text = f"hhr.Body({item.tag!r}, young={young}, poisson={material.poisson!r}{law})"
-    return _line(text, item.source, f"{material.name} of {material.source}")
+    text = f"hhr.Body({item.tag!r}, young={of.get(item, repr(material.young))}, poisson={material.poisson!r}{law})"
+    return f"{text},  # {item.source}: {material.name} of {material.source}"
 
 
 def _pair(pair: Pair) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
-    return _line(pair.text.replace("{}", friction), pair.source, pair.words)
+    return f"{pair.text.replace('{}', friction)},  # {pair.source}"
 
 
-def _supports(supports: Sequence[Support], dim: int, by_item: Mapping[Item, str]) -> Iterator[str]:
+def _supports(supports: Sequence[Support], dim: int, of: Mapping[Item, str]) -> Iterator[str]:
     """One line for each component that is imposed, or for all of them where they are held."""
-    held: dict[tuple[object, str], set[int]] = {}
+    held = [(item.place, item.source) for item in supports if not item.value]
     for item in supports:
-        if not item.value:
-            held.setdefault((item.place, item.source), set()).add(item.component)
-    for item in supports:
-        whole = held.get((item.place, item.source), set())
+        end = f"),  # {item.source}"
         if item.value:
-            text = by_item.get(item, repr(item.value))
-            yield _line(f"hhr.Displacement({item.place!r}, {item.component}, {text})", item.source)
-        elif len(whole) < dim:
-            yield _line(f"hhr.Displacement({item.place!r}, {item.component})", item.source)
+            yield f"hhr.Displacement({item.place!r}, {item.component}, {of.get(item, repr(item.value))}{end}"
+        elif held.count((item.place, item.source)) < dim:
+            yield f"hhr.Displacement({item.place!r}, {item.component}{end}"
         elif item.component == 0:
-            yield _line(f"*hhr.Displacement.clamp({item.place!r}, {dim})", item.source)
+            yield f"*hhr.Displacement.clamp({item.place!r}, {dim}{end}"
 
 
-def _openings(pairs: Sequence[Pair], by_item: Mapping[Item, str]) -> Iterator[str]:
+def _openings(pairs: Sequence[Pair], of: Mapping[Item, str]) -> Iterator[str]:
     for number, pair in enumerate(pairs):
         if pair.gap:
-            text = by_item.get(pair, repr(pair.gap))
+            text = of.get(pair, repr(pair.gap))
             text = f"hhr.Amplitude(slopes={{{text}: 1.0}})" if text.startswith("'") else text
             text = text if text.startswith("hhr.") else f"hhr.Amplitude({text})"
-            yield _line(f"hhr.Opening({number}, {text})", pair.source)
-
-
-def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
-    for number in range(len(pairs)):
-        name = "largest pressure" if len(pairs) == 1 else f"largest pressure of contact {number}"
-        yield f"hhr.LargestPressure({name!r}, contact={number}),"
-
-
-def _space(parameters: Sequence[Proposed]) -> str:
-    names = tuple(one.name for one in parameters)
-    lower, upper = (tuple(one.box[end] for one in parameters) for end in (0, 1))
-    return f"hhr.ParameterSpace({names!r}, {lower!r}, {upper!r})"
+            yield f"hhr.Opening({number}, {text}),  # {pair.source}"
 
 
 def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
@@ -120,6 +96,5 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
     to = {one.name: one.name for one in parameters}
     yield "# load paths for hhr reduce: from the lower corner of the box to any of its points"
     yield "PATHS = hhr.PathFamily("
-    yield f"    'loading', scene.parameters, scene.parameters, {start!r},"
-    yield f"    (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),),"
+    yield f"    'loading', scene.parameters, scene.parameters, {start!r}, (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),)"
     yield ")"
