@@ -263,7 +263,7 @@ class Discretisation(DiscreteSpace):
             dx=self._cells,
             vector=partial(self._load_vector, load),
             surface=self.surface,
-            nodes=self.nodes,
+            nodes=partial(self.nodes, whole=False),
             eigenstress=partial(self._eigenstress, load),
         )
 

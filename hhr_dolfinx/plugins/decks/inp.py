@@ -55,18 +55,32 @@ def read_inp(path: Path, parts: NamedParts) -> Deck:
     """
     found = tuple(Block(path.name, *block) for block in blocks(path))
     left = list(_ignored(found))
+    plane = {_HYPOTHESES[kind]: block for block in reversed(found) if block.keyword == "ELEMENT"
+             and (kind := block.options.get("TYPE", "")[:3].upper()) in _HYPOTHESES}  # fmt: skip
+    hypothesis = "solid" if parts.raw.dim == 3 else [*plane, "plane_strain"][-1 - bool(plane)]
+    left += [
+        block.left(f"all elements are those of {hypothesis}") for kind, block in plane.items() if kind != hypothesis
+    ]
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
     state = imposed_of(found)
-    # nodes that rigid bodies follow belong to no cell
-    moved = {block.options.get("REF NODE", "").upper() for block in found if block.keyword == "RIGID BODY"}
-    own = [item for item in state if item.row[0].upper() not in moved]
-    supports, loads = loads_of(found, own, parts, {item.tag: item.material for item in sections}, thickness, left)
+    # reference nodes of rigid tools belong to no cell
+    tools = set()
+    for block in found:
+        if block.keyword == "RIGID BODY" and ("NSET" in block.options or parts.body(block.options.get("ELSET", "-"))):
+            left.append(block.left(_NO + "impose displacements on its nodes"))
+        elif block.keyword == "RIGID BODY":
+            tools.add(block.options.get("REF NODE", "").upper())
+    own = [item for item in state if item.row[0].upper() not in tools or item.block.keyword != "BOUNDARY"
+           or (item.component >= parts.raw.dim and item.factor)]  # fmt: skip
+    supports, loads = loads_of(found, own, parts, {item.tag: item.material for item in sections},
+                               1.0 if hypothesis == "axisymmetric" else thickness, left)  # fmt: skip
     pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
-    kinds = [block.options.get("TYPE", "")[:3].upper() for block in found if block.keyword == "ELEMENT"]
-    plane = next((_HYPOTHESES[kind] for kind in kinds if kind in _HYPOTHESES), "plane_strain")
+    steps = [block for block in found if block.keyword == "STEP"]
+    if len(steps) > 1 and (any(item.material.law for item in sections) or any(pair.friction for pair in pairs)):
+        left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2]))
     seconds = sum(period_of(block) for block in found if block.keyword in ("STATIC", "VISCO")) or 1.0
-    return Deck(path, "solid" if parts.raw.dim == 3 else plane, tuple(sections), tuple(supports), tuple(loads),
+    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads),
                 tuple(pairs), tuple(order), seconds)  # fmt: skip
 
 
@@ -106,5 +120,7 @@ def _ignored(found: Sequence[Block]) -> Iterator[Left]:
         keyword = block.keyword
         if keyword == "STEP" and block.options.get("NLGEOM", "NO").upper() != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
+        elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
+            yield block.left("FIXED, SUBMODEL and USER have no counterpart: the values of its lines are taken")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
             yield block.left(_REASONS.get(keyword, "no counterpart"))

@@ -34,9 +34,9 @@ def loads_of(
             made = _distributed(item, parts, bodies)
             loads += [] if isinstance(made, str) else [load for load in made if load.value]
             left += [block.left(made)] if isinstance(made, str) else []
-        elif block.keyword == "TEMPERATURE" or (block.keyword == "BOUNDARY" and item.component >= 3):
+        elif block.keyword == "TEMPERATURE" or (item.component >= 3 and not item.factor):
             continue  # nodes of solids have no rotations
-        elif place is None or (block.keyword == "CLOAD" and item.component >= dim):
+        elif place is None or item.component >= max(dim, 3 * (block.keyword == "BOUNDARY")):
             left.append(block.left(f"'{item.row[0]}' is no node of the mesh, or has no component {item.component + 1}"))
         elif block.keyword == "BOUNDARY" and item.component < dim:
             supports.append(Support(place, item.component, item.factor, block.source))
@@ -68,8 +68,8 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
     label = item.row[1].upper()
     dim = parts.raw.dim
     source = item.block.source
-    value, *more = (*item.block.numbers(item.row, 2), *(0.0,) * 8)
-    value *= item.factor
+    more = [*item.block.numbers(item.row, 2), *(0.0,) * 8]
+    value = item.factor * more.pop(0)
     surface = parts.surface(item.place)
     if (label[:1] == "P" and label[1:].isdigit()) or label in ("P", "TRVEC"):
         if surface is None:

@@ -47,6 +47,7 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
     plastic, creep = own.get("PLASTIC"), own.get("CREEP")
     curve = _curve(plastic, left) if plastic is not None else []
     if creep is not None:
+        curve = curve if any(stress for stress, _ in curve) else []
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
         kind = creep.options.get("LAW", "STRAIN").upper()
         if kind in ("STRAIN", "TIME", "NORTON") and factor > 0 and exponent >= 1 and -1 < power <= 0:
@@ -67,7 +68,7 @@ def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
     rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
     if any(row[2] != rows[0][2] for row in rows):
         left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} is taken"))
-    return [row[:2] for row in rows if row[2] == rows[0][2]]
+    return [(row[0], row[1]) for row in rows if row[2] == rows[0][2]]
 
 
 def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -> str:

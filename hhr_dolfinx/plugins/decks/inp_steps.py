@@ -136,4 +136,5 @@ def _factor(block: Block, curves: Mapping[str, Block], period: float, end: float
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")
     time = end if curve.options.get("TIME", "").upper().startswith("TOTAL") else period
-    return float(np.interp(time, values[::2], values[1::2]))
+    delay = curve.number(block.options.get("TIME DELAY", "0"))
+    return float(np.interp(time - delay, values[::2], values[1::2]))

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.geometries.cells import outer_faces_of_cells
+from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 FLAT = 1e-6
 """Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to which they coincide."""
@@ -50,7 +51,8 @@ class NamedParts:
 
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
         """Bodies among ``tags`` whose cells all belong to a set."""
-        rows = self.raw.bodies.get(self.body(name), [])  # type: ignore[arg-type]
+        found = self.body(name)
+        rows = self.raw.bodies[found] if found is not None else np.zeros(0)
         return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
 
     def apart(self) -> list[Tag]:
@@ -105,13 +107,13 @@ class NamedParts:
         for item in supports:
             held[self.nodes(item.place), item.component] = True
         flat = {name: self.flat_normal(name) for name in self.surfaces if (self.owners(name) >= 0).all()}
-        for tilt in (0.0, 0.1):  # a plane that is tilted has conditions at nodes that are held along the normal too
-            for name, normal in flat.items():
-                if normal is not None and (~held[self.nodes(name)] & (np.abs(normal + tilt) > FLAT)).any():
-                    along = (normal + tilt) / np.linalg.norm(normal + tilt)
-                    offset = float((self.raw.points @ along).max() + FAR * np.ptp(self.raw.points, axis=0).max())
-                    text = f"hhr.Obstacle({name!r}, {tuple(along.tolist())}, {offset!r})"
-                    return (Pair(text, 0.0, "no contact in the file: a plane out of reach"),)
+        surfaces = [(name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None]
+        outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))
+        for name, normal, nodes in (*surfaces, *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim))):
+            if (~held[nodes] & (np.abs(normal) > FLAT)).any():
+                offset = float((self.raw.points @ normal).max() + FAR * np.ptp(self.raw.points, axis=0).max())
+                text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {offset!r})"
+                return (Pair(text, 0.0, "no contact in the file: a plane out of reach"),)
         return ()
 
 

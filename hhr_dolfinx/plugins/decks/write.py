@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hhr_dolfinx.plugins.decks.deck import Deck, Pair, Section, Support
 from hhr_dolfinx.plugins.decks.parameters import Item, Proposed, amplitudes, proposed
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
@@ -34,7 +35,8 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
     lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
-    lines += ["    geometry=hhr.MeshFile(MESH),", f"    hypothesis={deck.hypothesis!r},"]
+    mesh = "WithOutside" if any(repr(OUTSIDE) in pair.text for pair in deck.pairs) else "MeshFile"
+    lines += [f"    geometry=hhr.{mesh}(MESH),", f"    hypothesis={deck.hypothesis!r},"]
     for name, items in parts.items():
         lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
     bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
