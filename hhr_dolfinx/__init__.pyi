@@ -30,6 +30,8 @@ from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
 from .plugins.checks.mesh_error import MeshError as MeshError
 from .plugins.checks.mesh_error import mesh_error as mesh_error
+from .plugins.decks.nodal_forces import NodalForces as NodalForces
+from .plugins.decks.with_outside import WithOutside as WithOutside
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce

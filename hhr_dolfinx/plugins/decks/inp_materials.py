@@ -44,7 +44,8 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
 
 def _law(own: dict[str, Block], left: list[Left]) -> str:
     """Text of the law of a body; empty for an elastic one."""
-    plastic, creep = own.get("PLASTIC"), own.get("CREEP")
+    plastic = own.get("PLASTIC")
+    creep = own.get("CREEP")
     curve = _curve(plastic, left) if plastic is not None else []
     if creep is not None:
         curve = curve if any(stress for stress, _ in curve) else []

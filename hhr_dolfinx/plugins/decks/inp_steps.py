@@ -67,7 +67,8 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step; rows of later steps replace those of the same place."""
     state: dict[tuple[str, str, object], Imposed] = {}
     curves = {block.option("NAME").upper(): block for block in found if block.keyword == "AMPLITUDE"}
-    end, period = 0.0, 1.0
+    end = 0.0
+    period = 1.0
     seen: set[str] = set()
     for number, block in enumerate(found):
         if block.keyword == "STEP":

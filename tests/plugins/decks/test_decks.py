@@ -138,6 +138,120 @@ def test_a_rigid_line(tmp_path):
     assert answer.displacement().reshape(-1, 2)[:, 1].min() == pytest.approx(-0.11, rel=1e-9)
 
 
+EIGHT = """*NODE
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+5, 0.5, 0.
+6, 1., 0.5
+7, 0.5, 1.
+8, 0., 0.5
+*ELEMENT, TYPE={kind}, ELSET=BODY
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*NSET, NSET=LID
+3, 4, 7
+*NSET, NSET=CORNERS
+3, 4
+*MATERIAL, NAME=M
+*ELASTIC
+1000., 0.
+*SOLID SECTION, ELSET=BODY, MATERIAL=M
+{thickness}
+*SURFACE, NAME=BASE
+1, S1
+*SURFACE, TYPE=SEGMENTS, NAME=FLOOR
+START, 0., 0.
+LINE, 2., 0.
+*CONTACT PAIR, INTERACTION=I
+BASE, FLOOR
+*BOUNDARY
+4, 1
+8, 1
+1, 1
+*STEP
+*STATIC
+*CLOAD
+{load}
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "thickness", "load", "total"),
+    [("CPE8", "", "LID, 2, -1.", 3.0), ("CPS8R", "0.5", "CORNERS, 2, -1.", 4.0), ("CAX8", "0.01", "LID, 2, -1.", 3.0),
+     ("CPE8", "", "3, 2, -1.\n4, 2, -1.", 2.0)],
+)  # fmt: skip
+def test_forces_on_cells_of_second_order_act_at_the_nodes_of_the_file(kind, thickness, load, total, tmp_path):
+    """The floor bears as many forces as nodes are listed, over the thickness, which axisymmetry has none of."""
+    full, answer = solved(started(tmp_path, EIGHT.format(kind=kind, thickness=thickness, load=load))[0])
+    assert full.pressures(answer).sum() == pytest.approx(total, rel=1e-9)
+
+
+def test_a_cylinder_on_a_rigid_plane(tmp_path):
+    """Hertz: p0 = (F E* / pi R)^(1/2), on a mesh of some twelve nodes over the contact."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    occ = gmsh.model.occ
+    disc = occ.addDisk(0, 8, 0, 8, 8)
+    occ.intersect([(2, disc)], [(2, occ.addRectangle(-8, 0, 0, 16, 8))])
+    occ.synchronize()
+    field = gmsh.model.mesh.field
+    field.add("MathEval", 1)
+    field.setString(1, "F", "0.04 + 0.15 * Sqrt(x*x + y*y)")
+    field.setAsBackgroundMesh(1)
+    gmsh.model.mesh.generate(2)
+    numbers, points, _ = gmsh.model.mesh.getNodes()
+    cells = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3).tolist()
+    gmsh.finalize()
+    places = dict(zip(numbers.tolist(), points.reshape(-1, 3).tolist(), strict=True))
+    round_side = [k for k, (x, y, _) in places.items() if abs(np.hypot(x, y - 8) - 8) < 1e-9 and y < 2]
+    rows = ["*NODE", *(f"{k}, {x!r}, {y!r}" for k, (x, y, _) in places.items()), "*ELEMENT, TYPE=CPE3, ELSET=DISC"]
+    rows += [f"{k}, {', '.join(map(str, nodes))}" for k, nodes in enumerate(cells, 1)]
+    rows += ["*NSET, NSET=TOP", *(str(k) for k, (_, y, _) in places.items() if abs(y - 8) < 1e-9)]
+    rows += ["*SURFACE, NAME=ROUND, TYPE=NODE", *map(str, round_side)]
+    rows += ["*SURFACE, NAME=PLANE, TYPE=SEGMENTS", "START, 9., 0.", "LINE, -9., 0."]
+    rows += ["*MATERIAL, NAME=M", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=DISC, MATERIAL=M", "1."]
+    rows += [
+        "*CONTACT PAIR, INTERACTION=I",
+        "ROUND, PLANE",
+        "*STEP",
+        "*STATIC",
+        "*BOUNDARY",
+        "TOP, 1",
+        "TOP, 2, 2, -0.08",
+    ]
+    full, answer = solved(started(tmp_path, "\n".join(rows))[0])
+    force = full.pressures(answer).sum()
+    peak = np.sqrt(force * 1000 / (1 - 0.3**2) / (np.pi * 8))
+    assert int((answer.forces() > 0).sum()) > 10
+    assert answer.outputs()["largest pressure 0"] == pytest.approx(peak, rel=0.05)
+
+
+def test_a_deck_without_names(tmp_path):
+    """No surface, no set and no contact: the outside of all bodies is the surface of a plane out of reach."""
+    text = bar("*CLOAD\n20, 1, 10.")
+    lines = text.splitlines()
+    kept = lines[: lines.index("*NSET, NSET=BAR_X0")] + lines[text[: text.index("*MATERIAL")].count("\n") :]
+    held = "1, 1, 3\n6, 1\n11, 1\n16, 1\n6, 3\n11, 2"
+    scene, _ = started(tmp_path, "\n".join(kept).replace("BAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3", held))
+    assert isinstance(scene.geometry, hhr.WithOutside)
+    full, answer = solved(scene)
+    assert full.pressures(answer).sum() == 0 and end(full, answer, (4.0, 1.0, 1.0))[0] > 0.1
+
+
+def test_many_forces_are_one_load(tmp_path):
+    """Different ones at all nodes, nu = 0: the mean of the end moves by the sum of F x / E A, by reciprocity."""
+    forces = {k: 0.1 * k for k in range(1, 21)}
+    rows = "\n".join(f"{k}, 1, {value!r}" for k, value in forces.items())
+    scene, _ = started(tmp_path, bar(f"*CLOAD\n{rows}", poisson=0.0))
+    assert isinstance(scene.loads[0], hhr.NodalForces) and scene.parameters.names == ("force",)
+    full, answer = solved(scene)
+    moved = np.mean([end(full, answer, (4.0, y, z))[0] for y in (0, 1) for z in (0, 1)])
+    assert moved == pytest.approx(sum(value * ((k - 1) % 5) for k, value in forces.items()) / 1000, rel=1e-9)
+
+
 def test_our_own_decks_come_back(tmp_path):
     """Forces and supports of our export are numbers of nodes: the same contact forces as of the scene."""
     first = ((1.0, 0.0), (2.0, 1.0), (3, 3))
@@ -161,15 +275,17 @@ def test_our_own_decks_come_back(tmp_path):
 
 
 def test_parts_without_counterpart_are_named(tmp_path):
-    step = "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n*DYNAMIC\n0.1, 1."
-    text = bar(step).replace("*STEP", "*EQUATION\n2\n5, 2, 1., 10, 2, -1.\n*STEP, NLGEOM").replace(
-        "*BOUNDARY", "*CONTACT PAIR, INTERACTION=I\nBAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*BOUNDARY")  # fmt: skip
+    step = "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n*BOUNDARY, FIXED\n99, 1\n"
+    before = "*EQUATION\n2\n5, 2, 1., 10, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
+    before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
+    text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
     scene, output = started(tmp_path, text)
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
     for words in (f"TODO deck.inp:{line} *EQUATION: no counterpart: linear constraints", "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: no counter", "FIXED, SUB",
+                  "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written
     assert end(*solved(scene))[0] == pytest.approx(0.04, rel=1e-9)
