@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support
@@ -20,10 +22,12 @@ _WITHOUT_EFFECT = frozenset(
 )
 _HYPOTHESES = {"3D": "solid", "AXIS": "axisymmetric", "D_PLAN": "plane_strain", "C_PLAN": "plane_stress"}
 _NO_LOADS = frozenset({"MODELE", "INFO", "DOUBLE_LAGRANGE"})
+_WORDS = frozenset({"GROUP_MA", "GROUP_NO", "LIAISON", "BLOCAGE", "DIRECTION", "TOUT"})
+_READ = frozenset({"DX", "DY", "DZ", "PRES", "FX", "FY", "FZ", "GRAVITE"})
 _COMPONENTS = ("DX", "DY", "DZ")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Command:
     """A command, or a factor ``_F``, with its literal arguments; those that are not literal are named."""
 
@@ -39,7 +43,8 @@ class Command:
     def groups(self, *names: str) -> tuple[str, ...]:
         """Names of groups."""
         found = [self.words[name] for name in names if name in self.words]
-        return tuple(one for item in found for one in (item if isinstance(item, tuple) else (item,)))
+        every = [one for item in found for one in (item if isinstance(item, tuple) else (item,))]
+        return tuple(one for one in every if isinstance(one, str))
 
     def left(self, why: str) -> Left:
         """This command as one without counterpart."""
@@ -93,38 +98,37 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
         SceneError: for bodies without a literal elastic material.
     """
     found = list(commands_of(path))
-    sections: list[Section] = []
-    supports: list[Support] = []
-    loads: list[Load] = []
-    pairs: list[Pair] = []
-    left: list[Left] = []
-    hypothesis = "solid" if parts.raw.dim == 3 else "plane_strain"
-    for command in found:
-        if command.name == "AFFE_MODELE":
-            kinds = [one.words.get("MODELISATION") for one in command.factors("AFFE")]
-            hypothesis = next((_HYPOTHESES[kind] for kind in kinds if kind in _HYPOTHESES), hypothesis)
-        elif command.name == "AFFE_MATERIAU":
-            sections += _sections(command, parts)
-        elif command.name in ("AFFE_CHAR_MECA", "AFFE_CHAR_CINE"):
-            for kind in (word for word in command.words if word not in _NO_LOADS):
-                for factor in command.factors(kind):
-                    _load(kind, factor, parts, sections, supports, loads, left)
-                if not command.factors(kind):
-                    left.append(command.left(f"{kind} is not literal, or not read"))
-        elif command.name == "DEFI_CONTACT":
-            pairs += _pairs(command, parts, left)
-        elif command.name not in (*_WITHOUT_EFFECT, "DEFI_MATERIAU"):
-            left.append(command.left("not read"))
-        for excited in command.factors("EXCIT"):
-            curve = excited.words.get("FONC_MULT")
-            if isinstance(curve, Command) and (curve.words.get("VALE") or (None,))[-1] != 1:
-                left.append(
-                    command.left("a load is multiplied by a function that does not end at 1: it is taken whole")
-                )
+    sections = [one for command in found if command.name == "AFFE_MATERIAU" for one in _sections(command, parts)]
     if not sections:
         raise SceneError(f"{path.name} gives no body a literal material: DEFI_MATERIAU(ELAS=_F(E=..., NU=...))")
-    contacts = tuple(pairs) or parts.out_of_reach(supports)
-    return Deck(mesh, hypothesis, tuple(sections), tuple(supports), tuple(loads), contacts, tuple(left))
+    hypothesis = "solid" if parts.raw.dim == 3 else "plane_strain"
+    made: list[Support | Load | Pair | Left] = []
+    for command in found:
+        if command.name == "AFFE_MODELE":
+            kinds = [str(one.words.get("MODELISATION")) for one in command.factors("AFFE")]
+            hypothesis = next((_HYPOTHESES[kind] for kind in kinds if kind in _HYPOTHESES), hypothesis)
+        elif command.name in ("AFFE_CHAR_MECA", "AFFE_CHAR_CINE"):
+            for kind in sorted(command.words.keys() - _NO_LOADS):
+                made += [one for factor in command.factors(kind) for one in _loaded(kind, factor, parts, sections)]
+                made += [] if command.factors(kind) else [command.left(f"{kind} is not literal, or not read")]
+        elif command.name == "DEFI_CONTACT":
+            made += _pairs(command, parts)
+        elif command.name not in (*_WITHOUT_EFFECT, "DEFI_MATERIAU", "AFFE_MATERIAU"):
+            made.append(command.left("not read"))
+        for excited in command.factors("EXCIT"):
+            curve = excited.words.get("FONC_MULT")
+            if curve is not None and not (isinstance(curve, Command) and (curve.words.get("VALE") or (0,))[-1] == 1):
+                made.append(
+                    command.left("a load is multiplied by a function that does not end at 1: it is taken whole")
+                )
+    supports, loads, pairs, left = (
+        tuple(one for one in made if isinstance(one, kind)) for kind in (Support, Load, Pair, Left)
+    )
+    return Deck(mesh, hypothesis, tuple(sections), supports, loads, pairs or parts.out_of_reach(supports), left)
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def _sections(command: Command, parts: NamedParts) -> Iterator[Section]:
@@ -132,13 +136,12 @@ def _sections(command: Command, parts: NamedParts) -> Iterator[Section]:
         given = factor.words.get("MATER")
         material = given[0] if isinstance(given, tuple) and given else given
         elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
-        words = elastic.words if elastic is not None else {}
-        if not isinstance(words.get("E"), int | float) or not isinstance(words.get("NU"), int | float):
-            raise SceneError(f"{factor.source} {command.name}: the material has no literal ELAS=_F(E=..., NU=...)")
-        assert elastic is not None
-        own = Material(
-            "ELAS", elastic.source, float(words["E"]), float(words["NU"]), "", words.get("ALPHA"), words.get("RHO")
+        young, poisson, expansion, density = (
+            _number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
         )
+        if elastic is None or young is None or poisson is None:
+            raise SceneError(f"{factor.source} {command.name}: the material has no literal ELAS=_F(E=..., NU=...)")
+        own = Material("ELAS", elastic.source, young, poisson, "", expansion, density)
         names = factor.groups("GROUP_MA")
         for tag in [parts.body(name) for name in names] if names else parts.apart():
             if tag is None:
@@ -146,53 +149,51 @@ def _sections(command: Command, parts: NamedParts) -> Iterator[Section]:
             yield Section(tag, own, factor.source)
 
 
-def _load(
-    kind: str, factor: Command, parts: NamedParts, sections: list[Section], supports: list[Support],
-    loads: list[Load], left: list[Left],
-) -> None:  # fmt: skip
-    """Add the supports or loads of a factor of AFFE_CHAR_MECA."""
+def _loaded(
+    kind: str, factor: Command, parts: NamedParts, sections: Sequence[Section]
+) -> Iterator[Support | Load | Left]:
+    """Supports or loads of a factor of AFFE_CHAR_MECA, and what is left of them."""
     dim = parts.raw.dim
+    values = {name: _number(value) for name, value in factor.words.items() if name not in _WORDS}
+    own = {name: value for name, value in values.items() if value is not None}
+    lost = [name for name, value in values.items() if value is None or (name not in _READ and value)]
+    if lost:
+        yield factor.left(f"{', '.join(lost)} of {kind} is not literal or has no counterpart")
+    forces = [own.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
     given = factor.groups("GROUP_MA", "GROUP_NO")
-    values = {name: value for name, value in factor.words.items() if isinstance(value, int | float)}
-    places = [parts.place(name) for name in given]
-    forces = [values.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
-    vector = next(((k, value) for k, value in enumerate(forces) if value), None)
-    if kind == "PESANTEUR" and isinstance(factor.words.get("DIRECTION"), tuple):
-        direction = tuple(float(one) for one in factor.words["DIRECTION"][:dim])
+    direction = factor.words.get("DIRECTION")
+    if kind == "PESANTEUR" and isinstance(direction, tuple) and None not in map(_number, direction) and not given:
         for item in sections:
             if item.material.density is not None:
-                value = values.get("GRAVITE", 0.0) * item.material.density
-                loads.append(Load("weight", f"hhr.BodyForce({item.tag!r}, {direction}, {{}})", value, factor.source))
+                text = f"hhr.BodyForce({item.tag!r}, {direction[:dim]}, {{}})"
+                yield Load("weight", text, own.get("GRAVITE", 0.0) * item.material.density, factor.source)
         return
-    for name, place in zip(given, places, strict=True):
-        surface = parts.surface(name)
-        if kind in ("DDL_IMPO", "FACE_IMPO", "MECA_IMPO") and place is not None and "DNOR" not in values:
-            held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
-            own = dict.fromkeys(_COMPONENTS, 0.0) if held else values
-            supports += [Support(place, k, float(own[one]), factor.source)
-                         for k, one in enumerate(_COMPONENTS[:dim]) if one in own]  # fmt: skip
-        elif kind == "PRES_REP" and surface is not None and "PRES" in values:
-            loads.append(Load("pressure", f"hhr.Pressure({surface!r}, {{}})", float(values["PRES"]), factor.source))
-        elif kind in ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR") and vector and place is not None:
+    for name in given:
+        place, surface = parts.place(name), parts.surface(name)
+        held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
+        imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else own
+        if kind in ("DDL_IMPO", "FACE_IMPO", "MECA_IMPO") and place is not None:
+            components = [k for k in range(dim) if _COMPONENTS[k] in imposed]
+            yield from (Support(place, k, imposed[_COMPONENTS[k]], factor.source) for k in components)
+        elif kind == "PRES_REP" and surface is not None:
+            yield Load("pressure", f"hhr.Pressure({surface!r}, {{}})", own.get("PRES", 0.0), factor.source)
+        elif kind in ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR") and place is not None:
             what = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
-            for k, value in enumerate(forces):
-                unit = tuple(float(k == other) for other in range(dim))
-                if value:
-                    loads.append(Load("force", f"hhr.{what}({place!r}, {unit}, {{}})", float(value), factor.source))
+            for k in np.flatnonzero(forces).tolist():
+                unit = tuple(np.eye(dim)[k].tolist())
+                yield Load("force", f"hhr.{what}({place!r}, {unit}, {{}})", forces[k], factor.source)
         else:
-            left.append(
-                factor.left(f"{kind} of '{name}' has no literal value or no counterpart, or is not in the mesh")
-            )
+            yield factor.left(f"{kind} of '{name}' has no counterpart, or is not in the mesh")
     if not given:
-        left.append(factor.left(f"{kind} without a group has no counterpart"))
+        yield factor.left(f"{kind} without a group has no counterpart")
 
 
-def _pairs(command: Command, parts: NamedParts, left: list[Left]) -> Iterator[Pair]:
+def _pairs(command: Command, parts: NamedParts) -> Iterator[Pair | Left]:
     for zone in command.factors("ZONE"):
         names = [(*zone.groups(key), "")[0] for key in ("GROUP_MA_ESCL", "GROUP_MA_MAIT")]
         slave, master = (parts.surface(name) for name in names)
-        if slave is None or master is None:
-            left.append(zone.left(f"the mesh has no surfaces {names}"))
-            continue
-        friction = zone.words.get("COULOMB") if command.words.get("FROTTEMENT") == "COULOMB" else None
-        yield parts.pair(slave, master, float(friction or 0.0), zone.source)
+        friction = _number(zone.words.get("COULOMB", 0.0)) if command.words.get("FROTTEMENT") == "COULOMB" else 0.0
+        if slave is None or master is None or friction is None:
+            yield zone.left(f"the mesh has no surfaces {names}, or COULOMB is not literal")
+        else:
+            yield parts.pair(slave, master, friction, zone.source)

@@ -101,7 +101,7 @@ def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
     """Coordinates of the nodes of the elements of blocks with a set."""
     numbers = {word for block in found if block.keyword == "ELEMENT" and block.options.get("ELSET", "").upper() == elset
                for row in block.rows for word in row[1:]}  # fmt: skip
-    return [[*block.numbers(row, 1), 0.0, 0.0][:3] for block in found if block.keyword == "NODE"
+    return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block in found if block.keyword == "NODE"
             for row in block.rows if row[0] in numbers]  # fmt: skip
 
 

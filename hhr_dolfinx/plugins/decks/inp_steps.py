@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,10 +40,10 @@ class Block:
 
     def number(self, word: str) -> float:
         """A number, also in the notation 1.0D+00; FileContentError for other words."""
-        try:
-            return float(word.upper().replace("D", "E"))
-        except ValueError:
-            raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no number") from None
+        with suppress(ValueError):
+            if math.isfinite(value := float(word.upper().replace("D", "E"))):
+                return value
+        raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no finite number")
 
     def numbers(self, row: Sequence[str], first: int = 0) -> list[float]:
         """Numbers of a data line from a word on; blank words are 0."""
