@@ -7,7 +7,6 @@ import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,7 @@ class Command:
 
     name: str
     source: str
-    words: Mapping[str, Any] = field(default_factory=dict)
+    words: Mapping[str, object] = field(default_factory=dict)
 
     def factors(self, name: str) -> tuple[Command, ...]:
         """One factor or several."""
@@ -46,6 +45,12 @@ class Command:
         every = [one for item in found for one in (item if isinstance(item, tuple) else (item,))]
         return tuple(one for one in every if isinstance(one, str))
 
+    @property
+    def ends_at_one(self) -> bool:
+        """True for a function whose last value is 1."""
+        values = self.words.get("VALE")
+        return isinstance(values, tuple) and values[-1:] == (1,)
+
     def left(self, why: str) -> Left:
         """This command as one without counterpart."""
         return Left(self.source, self.name, why)
@@ -57,7 +62,7 @@ def commands_of(path: Path) -> Iterator[Command]:
         tree = ast.parse(path.read_text(errors="replace"))
     except (SyntaxError, ValueError) as error:
         raise FileContentError(f"{path.name}:{getattr(error, 'lineno', 0)} is no command file: {error}") from None
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for statement in tree.body:
         value = _value(getattr(statement, "value", None), values, path.name)
         if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
@@ -68,7 +73,7 @@ def commands_of(path: Path) -> Iterator[Command]:
             yield Command(type(statement).__name__, f"{path.name}:{statement.lineno}", {"": None})
 
 
-def _value(node: ast.AST | None, values: Mapping[str, Any], file: str) -> Any:
+def _value(node: ast.AST | None, values: Mapping[str, object], file: str) -> object:
     """Value of a literal, of a sum or product of such, or of a command; None for anything else."""
     match node:
         case ast.Constant(value=value):
@@ -117,14 +122,13 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
             made.append(command.left("not read"))
         for excited in command.factors("EXCIT"):
             curve = excited.words.get("FONC_MULT")
-            if curve is not None and not (isinstance(curve, Command) and (curve.words.get("VALE") or (0,))[-1] == 1):
-                made.append(
-                    command.left("a load is multiplied by a function that does not end at 1: it is taken whole")
-                )
-    supports, loads, pairs, left = (
-        tuple(one for one in made if isinstance(one, kind)) for kind in (Support, Load, Pair, Left)
-    )
-    return Deck(mesh, hypothesis, tuple(sections), supports, loads, pairs or parts.out_of_reach(supports), left)
+            if curve is not None and not (isinstance(curve, Command) and curve.ends_at_one):
+                made.append(command.left("a load is multiplied by a function that does not end at 1: it counts whole"))
+    supports = tuple(one for one in made if isinstance(one, Support))
+    loads = tuple(one for one in made if isinstance(one, Load))
+    pairs = tuple(one for one in made if isinstance(one, Pair)) or parts.out_of_reach(supports)
+    left = tuple(one for one in made if isinstance(one, Left))
+    return Deck(mesh, hypothesis, tuple(sections), supports, loads, pairs, left)
 
 
 def _number(value: object) -> float | None:

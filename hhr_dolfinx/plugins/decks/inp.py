@@ -14,10 +14,10 @@ import numpy as np
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.abaqus_deck import blocks
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Material, Section
-from hhr_dolfinx.plugins.decks.inp_contacts import pairs_of
+from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
-from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, period_of
+from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, of_kind, period_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 _READ = OF_MATERIALS | frozenset(
@@ -55,33 +55,33 @@ def read_inp(path: Path, parts: NamedParts) -> Deck:
     """
     found = tuple(Block(path.name, *block) for block in blocks(path))
     left = list(_ignored(found))
-    plane = {_HYPOTHESES[kind]: block for block in reversed(found) if block.keyword == "ELEMENT"
-             and (kind := block.options.get("TYPE", "")[:3].upper()) in _HYPOTHESES}  # fmt: skip
-    hypothesis = "solid" if parts.raw.dim == 3 else [*plane, "plane_strain"][-1 - bool(plane)]
-    left += [
-        block.left(f"all elements are those of {hypothesis}") for kind, block in plane.items() if kind != hypothesis
-    ]
+    hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
+    materials = {item.tag: item.material for item in sections}
     state = imposed_of(found)
-    # reference nodes of rigid tools belong to no cell
-    tools = set()
-    for block in found:
-        if block.keyword == "RIGID BODY" and ("NSET" in block.options or parts.body(block.options.get("ELSET", "-"))):
-            left.append(block.left(_NO + "impose displacements on its nodes"))
-        elif block.keyword == "RIGID BODY":
-            tools.add(block.options.get("REF NODE", "").upper())
-    own = [item for item in state if item.row[0].upper() not in tools or item.block.keyword != "BOUNDARY"
-           or (item.component >= parts.raw.dim and item.factor)]  # fmt: skip
-    supports, loads = loads_of(found, own, parts, {item.tag: item.material for item in sections},
-                               1.0 if hypothesis == "axisymmetric" else thickness, left)  # fmt: skip
+    tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
+    # nodes that move rigid tools are no nodes of cells: their motions are gaps
+    own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+    if hypothesis == "axisymmetric":
+        thickness = 1.0
+    supports, loads = loads_of(found, own, parts, materials, thickness, left)
     pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
-    steps = [block for block in found if block.keyword == "STEP"]
-    if len(steps) > 1 and (any(item.material.law for item in sections) or any(pair.friction for pair in pairs)):
+    steps = of_kind(found, "STEP")
+    if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
-    order = sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2]))
-    seconds = sum(period_of(block) for block in found if block.keyword in ("STATIC", "VISCO")) or 1.0
-    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads),
-                tuple(pairs), tuple(order), seconds)  # fmt: skip
+    order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
+    seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
+    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds)
+
+
+def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
+    """That of the first elements of the plane; others are left."""
+    if parts.raw.dim == 3:
+        return "solid"
+    kinds = [(_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")]
+    first = next((kind for kind, _ in kinds if kind), "plane_strain")
+    left += [block.left(f"all elements are those of {first}") for kind, block in kinds if kind not in (None, first)]
+    return first
 
 
 def _sections(
@@ -91,9 +91,7 @@ def _sections(
     sections = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
-    for block in found:
-        if block.keyword != "SOLID SECTION":
-            continue
+    for block in of_kind(found, "SOLID SECTION"):
         name = block.option("MATERIAL")
         tag = parts.body(block.option("ELSET"))
         if tag is None:
@@ -118,9 +116,9 @@ def _ignored(found: Sequence[Block]) -> Iterator[Left]:
     """Blocks without counterpart."""
     for block in found:
         keyword = block.keyword
-        if keyword == "STEP" and block.options.get("NLGEOM", "NO").upper() != "NO":
+        if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
         elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            yield block.left("FIXED, SUBMODEL and USER have no counterpart: the values of its lines are taken")
+            yield block.left("FIXED, SUBMODEL and USER have no counterpart: its lines are read as they stand")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
             yield block.left(_REASONS.get(keyword, "no counterpart"))

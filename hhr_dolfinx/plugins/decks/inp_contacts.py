@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 STRAIGHT = 1e-9
@@ -19,14 +19,14 @@ Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 def pairs_of(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> tuple[Pair, ...]:
     """Contact pairs and obstacles; parts without counterpart are left."""
     friction = _frictions(found, left)
-    planes = _planes(found, parts, state)
-    gaps = {(block.option("SLAVE").upper(), block.option("MASTER").upper()): block.number(block.option("VALUE"))
-            for block in found if block.keyword == "CLEARANCE"}  # fmt: skip
+    planes = _planes(found, parts, state, left)
+    cleared = of_kind(found, "CLEARANCE")
+    gaps = {(block.word("SLAVE"), block.word("MASTER")): block.number(block.option("VALUE")) for block in cleared}
     pairs = []
-    for block in found:
-        for row in block.rows if block.keyword == "CONTACT PAIR" else ():
+    for block in of_kind(found, "CONTACT PAIR"):
+        for row in block.rows:
             names = [word.upper() for word in row if word][:2]
-            coefficient = friction.get(block.options.get("INTERACTION", "").upper(), 0.0)
+            coefficient = friction.get(block.word("INTERACTION"), 0.0)
             if len(names) < 2 or coefficient is None or "TIED" in block.options:
                 left.append(block.left("a pair needs two surfaces" if len(names) < 2 else "no counterpart: it is tied"))
                 continue
@@ -57,41 +57,42 @@ def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, float | No
         elif block.keyword == "FRICTION" and block.rows:
             frictions[name] = block.number(block.rows[0][0])
         elif block.keyword == "SURFACE BEHAVIOR":
-            kind = block.options.get("PRESSURE-OVERCLOSURE", "HARD").upper()
+            kind = block.word("PRESSURE-OVERCLOSURE") or "HARD"
             frictions[name] = None if kind == "TIED" else frictions.get(name, 0.0)
             if kind not in ("HARD", "TIED"):
                 left.append(block.left(f"PRESSURE-OVERCLOSURE={kind}: contact is hard here, surfaces do not overlap"))
     return frictions
 
 
-def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed]) -> dict[str, Plane]:
+def is_tool(block: Block, parts: NamedParts) -> bool:
+    """True for a *RIGID BODY without cells of the mesh."""
+    return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
+
+
+def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> dict[str, Plane]:
     """Rigid planes by the name of their surface in capitals: straight profiles, and rigid elements in a plane."""
     dim = parts.raw.dim
-    out_of_plane = np.array([[0.0, 0.0, 1.0]])
     motions: dict[str, np.ndarray] = {}
-    for block in found:
-        if block.keyword == "RIGID BODY":
-            name = block.options.get("ANALYTICAL SURFACE", block.options.get("ELSET", "")).upper()
-            motions[name] = np.zeros(dim)
-            for item in state:
-                follows = item.row[0].upper() == block.options.get("REF NODE", "").upper()
-                if follows and item.block.keyword == "BOUNDARY" and item.component < dim:
-                    motions[name][item.component] = item.factor
-    planes = {}
-    for block in found:
-        if block.keyword != "SURFACE" or not block.rows:
+    for block in of_kind(found, "RIGID BODY"):
+        if not is_tool(block, parts):
+            left.append(block.left("no counterpart: impose displacements on its nodes"))
             continue
+        motion = motions.setdefault(block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim))
+        for item in state:
+            if item.row[0].upper() == block.word("REF NODE") and item.moves(dim) and item.component < dim:
+                motion[item.component] = item.factor
+    planes = {}
+    for block in of_kind(found, "SURFACE"):
         name = owner = block.option("NAME").upper()
-        along = out_of_plane if dim == 2 else np.zeros((0, 3))
+        firsts = [row[0].upper() for row in block.rows]
         points: list[list[float]] = []
-        if block.options.get("TYPE", "").upper() in ("SEGMENTS", "CYLINDER"):
-            if [row[0].upper() for row in block.rows] == ["START", *["LINE"] * (len(block.rows) - 1)]:
-                points = [[*block.numbers(row, 1), 0.0][:3] for row in block.rows]
-                along = out_of_plane
-        elif block.rows[0][0].upper() in motions and parts.surface(name) is None:
-            owner = block.rows[0][0].upper()
+        profile = block.word("TYPE") in ("SEGMENTS", "CYLINDER")
+        if profile and firsts[:1] == ["START"] and set(firsts[1:]) == {"LINE"}:
+            points = [[*[*block.numbers(row, 1), 0.0, 0.0][:2], 0.0] for row in block.rows]
+        elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
+            owner = firsts[0]
             points = _points_of(found, owner)
-        plane = _plane(np.array(points), along)
+        plane = _plane(np.array(points), sweep=profile or dim == 2)
         if plane is not None:
             planes[name] = plane[0][:dim], plane[1][:dim], motions.get(owner, np.zeros(dim))
     return planes
@@ -99,17 +100,17 @@ def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed])
 
 def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
     """Coordinates of the nodes of the elements of blocks with a set."""
-    numbers = {word for block in found if block.keyword == "ELEMENT" and block.options.get("ELSET", "").upper() == elset
-               for row in block.rows for word in row[1:]}  # fmt: skip
-    return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block in found if block.keyword == "NODE"
-            for row in block.rows if row[0] in numbers]  # fmt: skip
+    elements = [row for block in of_kind(found, "ELEMENT") if block.word("ELSET") == elset for row in block.rows]
+    numbers = {word for row in elements for word in row[1:]}
+    nodes = [(block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers]
+    return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]
 
 
-def _plane(points: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along directions; None if there is none."""
+def _plane(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """A point and the unit normal of the plane through points, (n, 3), and along z if they are swept; else nothing."""
     if len(points) < 2:
         return None
-    spans = np.concatenate([points[1:] - points[0], along * np.ptp(points, axis=0).max(), np.zeros((1, 3))])
+    along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
+    spans = np.concatenate([points[1:] - points[0], [along, along]])
     _, sizes, axes = np.linalg.svd(spans)
-    sizes = np.append(sizes, 0.0)[:3]
     return (points[0], axes[2]) if sizes[1] > STRAIGHT * sizes[0] >= sizes[2] else None

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Support, Tag
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 MANY = 8
@@ -54,8 +54,8 @@ def _unit(component: int, dim: int) -> tuple[float, ...]:
 def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[Load]:
     """Forces of a block: a load for each set and component, or one load for many of them."""
     if len(forces) <= MANY:
-        return [Load("force", f"hhr.NodalForce({place!r}, {_unit(component, dim)}, {{}})", value, source)
-                for place, component, value in forces]  # fmt: skip
+        texts = [(f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value) for place, axis, value in forces]
+        return [Load("force", text, value, source) for text, value in texts]
     vectors: dict[Tag, np.ndarray] = {}
     for place, component, value in forces:
         vectors[place] = vectors.get(place, np.zeros(dim)) + value * np.eye(dim)[component]
@@ -106,8 +106,8 @@ def _heated(
     """Thermal expansion of bodies with one temperature each, above that of *INITIAL CONDITIONS."""
     rise = np.zeros(len(parts.raw.points))
     final = [item for item in state if item.block.keyword == "TEMPERATURE"]
-    initial = [(-1.0, block, row) for block in found if block.keyword == "INITIAL CONDITIONS"
-               and block.options.get("TYPE", "").upper() == "TEMPERATURE" for row in block.rows]  # fmt: skip
+    starts = [one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"]
+    initial = [(-1.0, block, row) for block in starts for row in block.rows if len(row) > 1]
     for factor, block, row in (*initial, *((item.factor, item.block, item.row) for item in final)):
         if (place := parts.place(row[0])) is not None:
             rise[parts.nodes(place)] += factor * block.number(row[1])

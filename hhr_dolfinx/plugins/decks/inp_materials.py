@@ -28,7 +28,7 @@ def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material
 def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     elastic = own["ELASTIC"]
     row = elastic.numbers(elastic.rows[0])
-    kind = elastic.options.get("TYPE", "ISO").upper()
+    kind = elastic.word("TYPE") or "ISO"
     if not kind.startswith("ISO") or len(row) < 2:
         raise FileContentError(
             f"{elastic.source} *ELASTIC of material '{name}' is TYPE={kind} with {row}, and E and nu are needed: give "
@@ -36,10 +36,11 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
         )
     for block in own.values():
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
-            left.append(block.left(f"'{name}' depends on temperature: its first line is taken"))
-    expansion, density = (own[key].number(own[key].rows[0][0]) if key in own else None
-                          for key in ("EXPANSION", "DENSITY"))  # fmt: skip
-    return Material(name, elastic.source, row[0], row[1], _law(own, left), expansion, density)
+            left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
+    single = {key: block.number(block.rows[0][0]) for key, block in own.items() if key in ("EXPANSION", "DENSITY")}
+    return Material(
+        name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")
+    )
 
 
 def _law(own: dict[str, Block], left: list[Left]) -> str:
@@ -50,7 +51,7 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
     if creep is not None:
         curve = curve if any(stress for stress, _ in curve) else []
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
-        kind = creep.options.get("LAW", "STRAIN").upper()
+        kind = creep.word("LAW") or "STRAIN"
         if kind in ("STRAIN", "TIME", "NORTON") and factor > 0 and exponent >= 1 and -1 < power <= 0:
             # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
             resistance = (factor / (power + 1)) ** (-1 / exponent)
@@ -68,18 +69,18 @@ def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
     """Stresses and plastic strains, at the first of several temperatures."""
     rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
     if any(row[2] != rows[0][2] for row in rows):
-        left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} is taken"))
+        left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} counts"))
     return [(row[0], row[1]) for row in rows if row[2] == rows[0][2]]
 
 
 def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -> str:
-    kind = block.options.get("HARDENING", "ISOTROPIC").upper()
+    kind = block.word("HARDENING") or "ISOTROPIC"
     if len(curve) == 1:
         return f"hhr.Plasticity({curve[0][0]!r})"
     if kind == "KINEMATIC" and len(curve) == 2 and curve[1][1] > curve[0][1]:
         slope = (curve[1][0] - curve[0][0]) / (curve[1][1] - curve[0][1])
         return f"hhr.Chaboche({curve[0][0]!r}, (({slope!r}, 0.0),))"
     if kind != "ISOTROPIC":
-        left.append(block.left(f"HARDENING={kind} is taken as isotropic"))
+        left.append(block.left(f"HARDENING={kind} is read as isotropic"))
     points = [(strain, stress) for stress, strain in curve]
     return f"hhr.TabulatedHardening({(*points, (points[-1][0] + PLATEAU, points[-1][1]))!r})"

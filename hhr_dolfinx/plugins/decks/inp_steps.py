@@ -38,6 +38,10 @@ class Block:
             raise FileContentError(f"{self.source} *{self.keyword} has no option {name}=")
         return self.options[name]
 
+    def word(self, name: str) -> str:
+        """An option in capitals, empty without it."""
+        return self.options.get(name, "").upper()
+
     def number(self, word: str) -> float:
         """A number, also in the notation 1.0D+00; FileContentError for other words."""
         with suppress(ValueError):
@@ -54,6 +58,11 @@ class Block:
         return Left(self.source, f"*{self.keyword}", why)
 
 
+def of_kind(found: Sequence[Block], *keywords: str) -> list[Block]:
+    """Blocks of some keywords."""
+    return [block for block in found if block.keyword in keywords]
+
+
 @dataclass(frozen=True)
 class Imposed:
     """A row of a support or a load that acts at the end of the last step."""
@@ -64,22 +73,26 @@ class Imposed:
     component: int  # of a support or of a force, -1 for other loads
     factor: float  # amplitude at the end of its step, times the value of a support or of a force
 
+    def moves(self, dim: int) -> bool:
+        """True for a support that imposes a translation, or no rotation."""
+        return self.block.keyword == "BOUNDARY" and (self.component < dim or not self.factor)
+
 
 def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step; rows of later steps replace those of the same place."""
     state: dict[tuple[str, str, object], Imposed] = {}
-    curves = {block.option("NAME").upper(): block for block in found if block.keyword == "AMPLITUDE"}
+    curves = {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
     end = 0.0
     period = 1.0
     seen: set[str] = set()
     for number, block in enumerate(found):
         if block.keyword == "STEP":
             seen = set()
-            period = next((period_of(one) for one in found[number:] if one.keyword in ("STATIC", "VISCO")), 1.0)
+            period = next(map(period_of, of_kind(found[number:], "STATIC", "VISCO")), 1.0)
             end += period
         if block.keyword not in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE"):
             continue
-        if block.options.get("OP", "").upper() == "NEW" and block.keyword not in seen:
+        if block.word("OP") == "NEW" and block.keyword not in seen:
             state = {key: item for key, item in state.items() if key[0] != block.keyword}
         seen.add(block.keyword)
         factor = _factor(block, curves, period, end)
@@ -129,7 +142,7 @@ def period_of(block: Block) -> float:
 
 def _factor(block: Block, curves: Mapping[str, Block], period: float, end: float) -> float:
     """Value of the amplitude of a block at the end of the step, 1 without one."""
-    name = block.options.get("AMPLITUDE", "").upper()
+    name = block.word("AMPLITUDE")
     if not name:
         return 1.0
     if name not in curves:
@@ -138,6 +151,6 @@ def _factor(block: Block, curves: Mapping[str, Block], period: float, end: float
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")
-    time = end if curve.options.get("TIME", "").upper().startswith("TOTAL") else period
+    time = end if curve.word("TIME").startswith("TOTAL") else period
     delay = curve.number(block.options.get("TIME DELAY", "0"))
     return float(np.interp(time - delay, values[::2], values[1::2]))

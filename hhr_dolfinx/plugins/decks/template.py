@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 FACING = -0.5
@@ -17,48 +20,53 @@ FACING = -0.5
 
 def template(path: Path, parts: NamedParts) -> Deck:
     """Contents of a scene that a mesh suggests; what must be chosen is left."""
-    raw = parts.raw
-    steel = Material("steel in MPa and mm", path.name, 210e3, 0.3)
-    bodies = parts.apart()
-    left = [Left(path.name, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
-    owner = np.full(len(raw.cells), -1)
-    for number, tag in enumerate(bodies):
-        owner[raw.bodies[tag]] = number
-    of = {name: np.unique(owner[cells]) for name in parts.surfaces if ((cells := parts.owners(name)) >= 0).all()}
-    outer = {name: int(numbers[0]) for name, numbers in of.items() if numbers.size == 1}
-    found = _facing(parts, outer)
-    pairs: tuple[Pair, ...] = ()
+    dim = parts.raw.dim
+    source = path.name
+    steel = Material("steel in MPa and mm", source, 210e3, 0.3)
+    sections = tuple(Section(tag, steel, source) for tag in parts.apart())
+    left = [Left(source, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
+    hypothesis = "solid" if dim == 3 else "plane_strain"
+    piece = _pieces(parts)
+    found = _facing(parts, piece)
+    if found is None:
+        left.append(Left(source, "contact", "no named surfaces of two bodies face each other: name a pair in contacts"))
+        return Deck(path, hypothesis, sections, left=tuple(left))
+    slave, master = found
     supports: list[Support] = []
     loads: tuple[Load, ...] = ()
-    if found is None:
-        left.append(
-            Left(path.name, "contact", "no named surfaces of two bodies face each other: name a pair in contacts")
-        )
-    else:
-        slave, master = found
-        pairs = (Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", 0.0, path.name),)
-        base, lid = (_far(parts, outer, name, found) for name in (master, slave))
-        if base is not None:
-            supports += [Support(base, k, 0.0, path.name) for k in range(raw.dim)]
-        if lid is not None:
-            along = int(np.abs(parts.normals(lid).mean(axis=0)).argmax())
-            supports += [Support(lid, k, 0.0, f"{path.name}: no motion aside") for k in range(raw.dim) if k != along]
-            loads = (Load("pressure", f"hhr.Pressure({lid!r}, {{}})", 1.0, path.name),)
-        held = {outer[name] for name in (base, lid) if name is not None}
-        left += [
-            Left(path.name, "support", f"body {tag!r} is not held") for k, tag in enumerate(bodies) if k not in held
-        ]
-    hypothesis = "solid" if raw.dim == 3 else "plane_strain"
-    sections = tuple(Section(tag, steel, path.name) for tag in bodies)
+    for number in sorted(set(piece.values())):
+        far = _far(parts, [name for name in piece if piece[name] == number and name not in found], slave)
+        if far is None:
+            left.append(Left(source, "support", f"no named surface to hold the body of {slave!r} or {master!r}"))
+            continue
+        along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == piece[slave] else -1
+        supports += [Support(far, k, 0.0, source) for k in range(dim) if k != along]
+        if number == piece[slave]:
+            loads = (Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source),)
+    pairs = (parts.pair(slave, master, 0.0, source),)
     return Deck(path, hypothesis, sections, tuple(supports), loads, pairs, tuple(left))
 
 
-def _facing(parts: NamedParts, outer: dict[Tag, int]) -> tuple[Tag, Tag] | None:
-    """The two nearest surfaces of different bodies of which the first faces the second, with the finer one first."""
-    middles = {name: parts.raw.points[parts.surfaces[name]].mean(axis=1) for name in outer}
+def _pieces(parts: NamedParts) -> dict[Tag, int]:
+    """Number of the connected piece of the mesh of each outer surface of one piece; names come before numbers."""
+    cells = parts.raw.cells
+    ends = cells[:, :1].repeat(cells.shape[1], axis=1).ravel(), cells.ravel()
+    labels = connected_components(coo_array((np.ones(cells.size), ends), shape=(len(parts.raw.points),) * 2))[1]
+    names: list[Tag] = [name for name in parts.surfaces if isinstance(name, str)]
+    of = {
+        name: set(labels[parts.nodes(name)].tolist())
+        for name in names or parts.surfaces
+        if (parts.owners(name) >= 0).all()
+    }
+    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1}
+
+
+def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> tuple[Tag, Tag] | None:
+    """The two nearest surfaces of different pieces that face each other, with the finer one first."""
+    middles = {name: parts.raw.points[parts.surfaces[name]].mean(axis=1) for name in piece}
     best: tuple[float, Tag, Tag] | None = None
-    for first, second in permutations(outer, 2):
-        if outer[first] == outer[second]:
+    for first, second in permutations(piece, 2):
+        if piece[first] == piece[second]:
             continue
         distance, nearest = cKDTree(middles[second]).query(middles[first])
         cosine = np.einsum("fd,fd->f", parts.normals(first), parts.normals(second)[nearest])
@@ -70,9 +78,9 @@ def _facing(parts: NamedParts, outer: dict[Tag, int]) -> tuple[Tag, Tag] | None:
     return first, second
 
 
-def _far(parts: NamedParts, outer: dict[Tag, int], name: Tag, pair: tuple[Tag, Tag]) -> Tag | None:
-    """The surface of the same body that is farthest from a surface of a pair."""
-    middle = {one: parts.raw.points[parts.surfaces[one]].mean(axis=(0, 1)) for one in outer}
-    others = [one for one in outer if outer[one] == outer[name] and one not in pair
-              and not np.isin(parts.nodes(one), parts.nodes(name)).any()]  # fmt: skip
-    return max(others, key=lambda one: float(np.linalg.norm(middle[one] - middle[name])), default=None)
+def _far(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:
+    """The surface that is farthest from another one, among those without common nodes."""
+    points = parts.raw.points
+    middle = points[parts.nodes(name)].mean(axis=0)
+    others = [one for one in names if not np.isin(parts.nodes(one), parts.nodes(name)).any()]
+    return max(others, key=lambda one: np.linalg.norm(points[parts.nodes(one)].mean(axis=0) - middle), default=None)

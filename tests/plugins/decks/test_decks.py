@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from deck_texts import bar, blocks
 from mpi4py import MPI
+from needs import needs
 from scenes import slope
 from shell import invoke
 
@@ -13,7 +14,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.command.loading import scene_of
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.plugins.exporters.deck import write_deck
 
 
 def started(folder, text, name="deck.inp"):
@@ -176,6 +176,7 @@ BASE, FLOOR
 """
 
 
+@needs("second_order")
 @pytest.mark.parametrize(
     ("kind", "thickness", "load", "total"),
     [("CPE8", "", "LID, 2, -1.", 3.0), ("CPS8R", "0.5", "CORNERS, 2, -1.", 4.0), ("CAX8", "0.01", "LID, 2, -1.", 3.0),
@@ -252,8 +253,11 @@ def test_many_forces_are_one_load(tmp_path):
     assert moved == pytest.approx(sum(value * ((k - 1) % 5) for k, value in forces.items()) / 1000, rel=1e-9)
 
 
+@needs("exporters")
 def test_our_own_decks_come_back(tmp_path):
     """Forces and supports of our export are numbers of nodes: the same contact forces as of the scene."""
+    from hhr_dolfinx.plugins.exporters.deck import write_deck
+
     first = ((1.0, 0.0), (2.0, 1.0), (3, 3))
     second = ((1.0, 1.0), (2.0, 2.0), (4, 4))
     side = two_blocks.side
