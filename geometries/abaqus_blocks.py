@@ -220,3 +220,21 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
             else:
                 raise ValueError(f"there is no set '{word}' before it")
     return found
+
+
+def name_loaded(deck: Deck, block: str, rows: list[list[str]], firsts: list[str]) -> None:
+    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have the same ones.
+
+    ``firsts`` are the first words of the rows, numbers of the flat deck.
+    """
+    for first, row in zip(firsts, rows, strict=True):
+        if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[1] if len(row) > 1 else ""):
+            name = deck.named("surface", name_of_loaded(block, row))
+            deck.faces.setdefault(name, []).append((first, f"S{row[1][1]}"))
+        elif block.startswith(("BOUNDARY:", "CLOAD:")) and first.isdigit():
+            deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(int(first))
+
+
+def name_of_loaded(block: str, row: list[str]) -> str:
+    """Name of the nodes or faces of a row: of those in the same block, ``CLOAD:45``, under the same load."""
+    return " ".join([block, *(word for word in row[1:] if word)])

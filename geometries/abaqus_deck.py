@@ -35,7 +35,7 @@ def read_deck(path: Path) -> RawMesh:
     assembly = Assembly()
     for line, keyword, options, rows in blocks(path):
         try:
-            assembly.take(keyword, options, rows)
+            assembly.take(keyword, options, rows, line)
         except (ValueError, IndexError) as error:
             raise FileContentError(f"{path}, block *{keyword} at line {line}: {error}") from None
     return _mesh_of(assembly.flat(), path)

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck, number_of, take
+from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck, name_loaded, number_of, take
 
 _KINDS = {"nset": "node_sets", "elset": "element_sets", "surface": "faces"}
 """Fields of a deck by the kind of the names in it; unions are surfaces too."""
@@ -33,8 +33,8 @@ class Assembly:
         self._own = self.deck
         self._instance = ""
 
-    def take(self, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
-        """Add the block to its part, instance or assembly.
+    def take(self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0) -> None:
+        """Add the block, which begins at a line, to its part, instance or assembly.
 
         Raises:
             ValueError: for a block that is damaged or not supported.
@@ -47,6 +47,7 @@ class Assembly:
             self._open(options, rows)
         else:
             take(self._own, keyword, options, self._with_numbers(keyword, options, rows))
+            name_loaded(self._own, f"{keyword}:{line}", rows, self._numbered(rows))
 
     def flat(self) -> Deck:
         """All instances as one deck; parts are taken as they are if nothing places them."""
@@ -83,6 +84,15 @@ class Assembly:
             _join(self.deck, self._instance, self._own)
         self._own = self.deck
         self._instance = ""
+
+    def _numbered(self, rows: list[list[str]]) -> list[str]:
+        """First word of each row, with the number of the flat deck for ``Instance.7``."""
+        known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
+        split = ((row[0], *row[0].rpartition(".")) for row in rows)
+        return [
+            str(known[name.upper()] + int(number)) if name.upper() in known and number.isdigit() else word
+            for word, name, _, number in split
+        ]
 
     def _with_numbers(self, keyword: str, options: dict[str, str], rows: list[list[str]]) -> list[list[str]]:
         """Rows of a set or surface of the assembly, with the numbers of the flat deck for ``Instance.7``.
@@ -124,7 +134,8 @@ def _moved(nodes: dict[int, list[float]], rows: list[list[float]]) -> dict[int, 
         raise ValueError(f"the rotation of an instance has two points and an angle, and not {len(turn)} numbers")
     points = np.array(list(nodes.values())).reshape(-1, 3) + np.array((*shift, 0.0, 0.0, 0.0)[:3])
     if turn:
-        start, end = np.array(turn[:3]), np.array(turn[3:6])
+        start = np.array(turn[:3])
+        end = np.array(turn[3:6])
         if not (length := np.linalg.norm(end - start)):
             raise ValueError("the axis of rotation of an instance goes through two points that are the same")
         axis = (end - start) / length

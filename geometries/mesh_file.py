@@ -117,7 +117,7 @@ def _reader(path: Path) -> Any:
     ending = path.suffix.lower()
     if (place := named("readers").get(ending)) is not None:
         return load(place)
-    if ending == ".inp" or _begins_as_deck(path):
+    if ending == ".inp" or begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
         return read_deck
@@ -132,7 +132,7 @@ def _reader(path: Path) -> Any:
     return read_by_gmsh if ending in BY_GMSH or _version(path) >= 4 else read_by_meshio
 
 
-def _begins_as_deck(path: Path) -> bool:
+def begins_as_deck(path: Path) -> bool:
     """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a comment."""
     with path.open("rb") as file:
         start = file.read(4096).lstrip().upper()

@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix, hstack, issparse
 from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count, edge_integrals
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.parameters import ParameterSpace, Place, Tag, as_tuple, check_tag, is_number
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
     import ufl
@@ -52,7 +52,9 @@ class Assembler:
     dx: Callable[[Tag], ufl.Measure]  # measure of the cells with a tag
     vector: Callable[[ufl.Form], np.ndarray]  # assembles a UFL form that is linear in v, (N,); refuses other forms
     surface: Callable[[Tag], Surface]  # nodes of the facets with a tag, their coordinates and measures
-    nodes: Callable[[Tag | Place], np.ndarray]  # numbers of the nodes of a surface, of a set or of a place, (k,)
+    # numbers of the nodes of a surface, of a set or of a place, (k,); of a set of nodes those that it lists, with
+    # ``whole=True`` all of the facets that it holds
+    nodes: Callable[..., np.ndarray]
     points: Callable[[], np.ndarray]  # coordinates of all nodes, (nodes, dim)
     # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
     # of the parameters, and the forces for the modulus 1, (N,)

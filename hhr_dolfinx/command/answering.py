@@ -60,7 +60,8 @@ def _with_unit(name: str, unit: str) -> str:
 def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Answer one parameter point, by a SCENE in full or by a reduced model from a file (.npz).
 
-    Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest.
+    Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
+    scene is solved in the middle of its box.
     """
     from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
 
@@ -80,7 +81,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         model = FullOrderModel(scene_of(what))
         scene = model.scene
         pairs = model.problem.contact_pairs[model.problem.pressing]
-    point = point_of(words, model.parameters)
+    middle = not (words or in_file)
+    point = point_of(words, model.parameters, others=model.parameters.middle if middle else None)
     step = {}
     if model.equilibrium is not None:
         step = {"duration": 1.0 if duration is None else duration}
@@ -94,7 +96,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         with model.strains.paused():
             answer = model.solve(point, **step)
         model.strains.check(model, SnapshotSet.of_answers([answer]))
-    rows = {"seconds of one step from rest": step["duration"]} if step else {}
+    rows = {f"{name}, middle of its box": value for name, value in point.items()} if middle else {}
+    rows |= {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
     if model.fields.functionals is not None:
         outputs = answer.outputs()

@@ -155,8 +155,10 @@ class DiscreteSpace(ABC):
             )
         return dim * self.nodes(tag) + component
 
-    def nodes(self, tag: Tag | Place) -> np.ndarray:
+    def nodes(self, tag: Tag | Place, whole: bool = True) -> np.ndarray:
         """Numbers of the nodes of tagged facets, of a set of the mesh or of a place, (k,), in their order.
+
+        Of a set that holds whole facets all of their nodes count if ``whole``, those in the middle of faces too.
 
         Raises:
             SceneError: for a tag that the mesh lacks, or a place without nodes.
@@ -167,21 +169,21 @@ class DiscreteSpace(ABC):
                 raise SceneError(f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or widen it")
             return found
         owned = self._nodes_of_set(self._sets[tag]) if tag in self._sets else np.zeros(0, dtype=np.int64)
-        if tag not in self._sets or tag in self.names.facets:
+        if tag not in self._sets or (whole and tag in self.names.facets):
             facets = tagged(self._facet_tags, self.names.facet(tag))
             local = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
             owned = np.union1d(owned, local[local < self.space.dofmap.index_map.size_local])
         return np.unique(self.group.joined(owned + self.space.dofmap.index_map.local_range[0]))
 
     def _nodes_of_set(self, numbers: np.ndarray) -> np.ndarray:
-        """Own nodes, (k,), for numbers of points of the file, with those on edges whose two ends are in the set."""
+        """Own nodes, (k,), for numbers of points of the file, on cells of first order with those between them."""
         inside = np.isin(self.mesh.geometry.input_global_indices, numbers)[compat.geometry_dofmap(self.mesh)]
         nodes = self.space.dofmap.list
         edges, _ = compat.topology(self.mesh.topology.cell_name())
         corners = CORNERS[self.mesh.topology.cell_name()]
         held = np.zeros(nodes.shape, dtype=bool)
         held[:, : inside.shape[1]] = inside
-        if self.order > 1:
+        if self.order > 1 and inside.shape[1] == corners:
             held[:, corners : corners + len(edges)] |= inside[:, np.array(edges)].all(axis=2)
         found = np.unique(nodes[held])
         return found[found < self.space.dofmap.index_map.size_local]

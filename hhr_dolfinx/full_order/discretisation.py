@@ -315,7 +315,7 @@ class Discretisation(DiscreteSpace):
             dx=self._cells,
             vector=partial(self._load_vector, load),
             surface=self.surface,
-            nodes=self.nodes,
+            nodes=partial(self.nodes, whole=False),
             points=self._points,
             eigenstress=partial(self._eigenstress, load),
         )

@@ -31,7 +31,7 @@ def equations_of(
 
 def nodes_at(assembler: Assembler, place: Tag | Place, what: object) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of nodes and their coordinates, (n, dim); SceneError if there are none."""
-    nodes = assembler.nodes(place)
+    nodes = assembler.nodes(place, whole=True)
     if not nodes.size:
         raise SceneError(f"{what!r} has no node: name a set or a surface of the mesh")
     return nodes, assembler.points()[nodes]
@@ -194,7 +194,8 @@ class Periodic:
         """Rotation by the angle, (dim, dim)."""
         found = np.eye(dim)
         one, other = (0, 1) if dim == 2 else ((1, 2), (2, 0), (0, 1))[self.axis]
-        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        cosine = np.cos(self.angle)
+        sine = np.sin(self.angle)
         found[np.ix_([one, other], [one, other])] = [[cosine, -sine], [sine, cosine]]
         return found
 

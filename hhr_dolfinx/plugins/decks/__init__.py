@@ -1,0 +1,17 @@
+"""Scenes from decks: the command ``hhr start``, for CalculiX, Abaqus, code_aster, and meshes without physics."""
+
+from hhr_dolfinx.registry import Plugin
+
+_LOADS = "hhr_dolfinx.plugins.decks.nodal_forces"
+_MESH = "hhr_dolfinx.plugins.decks.with_outside"
+
+PLUGIN = Plugin(
+    name="decks",
+    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks"),
+    public={_LOADS: "NodalForces", _MESH: "WithOutside"},
+    parts={
+        "loads": {"NodalForces": f"{_LOADS}:NodalForces"},
+        "geometries": {"WithOutside": f"{_MESH}:WithOutside"},
+    },
+    commands={"start": "hhr_dolfinx.plugins.decks.commands:start"},
+)

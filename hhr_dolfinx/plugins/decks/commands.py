@@ -1,0 +1,68 @@
+"""The command ``hhr start``: a scene file from a deck, or from a mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hhr_dolfinx.command.speaking import guarded, spoken
+from hhr_dolfinx.command.words import examples
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import FileContentError, FileError
+from hhr_dolfinx.plugins.decks.deck import Deck
+
+with extra("study", "the command hhr"):
+    import click
+
+
+@click.command(epilog=examples("hhr start deck.inp", "hhr start part.msh --to part.py", "hhr start run.comm"))
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--to", type=click.Path(path_type=Path), help="the scene file [FILE with the ending .py]")
+@click.option("--mesh", type=click.Path(path_type=Path), help="mesh of a .comm [one of the same name beside it]")
+@click.option("--force", is_flag=True, help="write over a scene file that is there")
+@guarded
+def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
+    """Write a scene file from a deck of CalculiX, Abaqus or code_aster, or a template from any mesh.
+
+    Materials, supports, loads and contact pairs of the deck become parts of the scene, each with its line. What has no
+    counterpart is a comment with TODO, and is printed.
+    """
+    from hhr_dolfinx.command.loading import checked_target
+    from hhr_dolfinx.files import replacing
+    from hhr_dolfinx.plugins.decks.write import scene_text
+
+    target = to or file.with_suffix(".py")
+    checked_target(target, (".py",))
+    if target.exists() and not force:
+        raise FileError(f"{target} is there: name another file, --to my_scene.py, or write over it with --force")
+    deck = deck_of(file, mesh)
+    with replacing(target, text=True) as out:
+        out.write(scene_text(deck, file, target))
+    console, _ = spoken()
+    for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}"):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def deck_of(path: Path, mesh: Path | None = None) -> Deck:
+    """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without physics.
+
+    Raises:
+        FileContentError: for a file that cannot be read, with the line.
+        SceneError: for a deck from which no scene can be made, with the line.
+    """
+    from hhr_dolfinx.geometries.abaqus_blocks import blocks
+    from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
+    from hhr_dolfinx.plugins.decks.comm import read_comm
+    from hhr_dolfinx.plugins.decks.inp import read_inp
+    from hhr_dolfinx.plugins.decks.named import NamedParts
+    from hhr_dolfinx.plugins.decks.template import template
+
+    if path.suffix.lower() == ".comm" and path.is_file():
+        beside = [path.with_suffix(ending) for ending in (".med", ".mmed", ".msh", ".unv", ".inp")]
+        mesh = mesh or next((one for one in beside if one.is_file()), None)
+        if mesh is None:
+            raise FileContentError(f"{path} names no mesh: give its file, --mesh part.med")
+        return read_comm(path, mesh, NamedParts(MeshFile(mesh).read()))
+    parts = NamedParts(MeshFile(path).read())
+    deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
+    physics = deck and any(keyword in ("SOLID SECTION", "STEP") for _, keyword, *_ in blocks(path))
+    return read_inp(path, parts) if physics else template(path, parts)

@@ -1,0 +1,89 @@
+"""Contents of a deck in neutral form: readers of all formats make it, and one writer turns it into a scene.
+
+Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+Tag = str | int
+
+
+@dataclass(frozen=True)
+class Material:
+    """Constants of a material."""
+
+    name: str
+    source: str
+    young: float
+    poisson: float
+    law: str = ""  # law in addition to elasticity as text of Python, empty for an elastic material
+    expansion: float | None = None  # coefficient of linear expansion
+    density: float | None = None  # mass per volume
+
+
+@dataclass(frozen=True)
+class Section:
+    """A body: the material of the cells with a tag."""
+
+    tag: Tag
+    material: Material
+    source: str
+
+
+@dataclass(frozen=True)
+class Support:
+    """Imposed displacement ``value`` of a component, 0 to 2, of a set of nodes or a surface."""
+
+    place: Tag
+    component: int
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load: ``value`` times the unit load ``text``, Python with ``{}`` for the amplitude."""
+
+    kind: str  # proposed name of a parameter, such as ``pressure``
+    text: str
+    value: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps."""
+
+    text: str
+    friction: float
+    source: str
+    gap: float = 0.0
+
+
+@dataclass(frozen=True)
+class Left:
+    """A part of a deck that the scene lacks."""
+
+    source: str
+    keyword: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"TODO {self.source} {self.keyword}: {self.why}"
+
+
+@dataclass(frozen=True)
+class Deck:
+    """Contents of a deck at the end of its last step."""
+
+    path: Path  # file of the mesh
+    hypothesis: str
+    sections: tuple[Section, ...]
+    supports: tuple[Support, ...] = ()
+    loads: tuple[Load, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    left: tuple[Left, ...] = ()
+    seconds: float = 1.0  # duration of all steps, for laws with rates

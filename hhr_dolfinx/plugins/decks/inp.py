@@ -1,0 +1,124 @@
+"""Decks of CalculiX and Abaqus: their bodies, and what is left of them; other parts have modules of their names.
+
+The sets and surfaces are those that the mesh reader names. It also names the nodes and faces that loads and supports
+give by their numbers, see :func:`~hhr_dolfinx.geometries.abaqus_blocks.name_of_loaded`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.geometries.abaqus_blocks import blocks
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Material, Section
+from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
+from hhr_dolfinx.plugins.decks.inp_loads import loads_of
+from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
+from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, of_kind, period_of
+from hhr_dolfinx.plugins.decks.named import NamedParts
+
+_READ = OF_MATERIALS | frozenset(
+    "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
+    "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY".split("|")
+)
+_WITHOUT_EFFECT = frozenset(
+    "NODE|ELEMENT|NSET|ELSET|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|END INSTANCE|PREPRINT|"
+    "END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|TIME POINTS|SOLUTION TECHNIQUE|SOLVER CONTROLS|FILTER|"
+    "CONTACT CONTROLS|ORIENTATION".split("|")
+)
+_OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
+_AT_REST = "the state is that at rest, without inertia, modes or heat flow"
+_NO = "no counterpart: "
+_REASONS = {
+    "EQUATION": _NO + "linear constraints of displacements",
+    "MPC": _NO + "constraints of several nodes",
+    "TIE": _NO + "mesh both bodies as one, or give a pair a friction that holds",
+    "COUPLING": _NO + "impose a displacement or a traction on the surface itself",
+    "DISTRIBUTING COUPLING": _NO + "give the surface a traction",
+    "PRE-TENSION SECTION": _NO + "shorten the bolt by an Eigenstrain",
+    "TRANSFORM": _NO + "supports and forces at these nodes act along the axes of the mesh",
+    "CONTACT": _NO + "name each pair of surfaces that may touch",
+    **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
+}
+_HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
+
+
+def read_inp(path: Path, parts: NamedParts) -> Deck:
+    """Read bodies, supports, loads and contacts of a deck.
+
+    Raises:
+        SceneError: for a deck without sections, or with a material that is not elastic, with the line.
+        FileContentError: for words that are not the numbers that a keyword needs, with the line.
+    """
+    found = tuple(Block(path.name, *block) for block in blocks(path))
+    left = list(_ignored(found))
+    hypothesis = _hypothesis(found, parts, left)
+    sections, thickness = _sections(found, materials_of(found, left), parts, left)
+    materials = {item.tag: item.material for item in sections}
+    state = imposed_of(found)
+    tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
+    # nodes that move rigid tools are no nodes of cells: their motions are gaps
+    own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+    if hypothesis == "axisymmetric":
+        thickness = 1.0
+    supports, loads = loads_of(found, own, parts, materials, thickness, left)
+    pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
+    steps = of_kind(found, "STEP")
+    if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
+        left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
+    order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
+    seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
+    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds)
+
+
+def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
+    """That of the first elements of the plane; others are left."""
+    if parts.raw.dim == 3:
+        return "solid"
+    kinds = [(_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")]
+    first = next((kind for kind, _ in kinds if kind), "plane_strain")
+    left += [block.left(f"all elements are those of {first}") for kind, block in kinds if kind not in (None, first)]
+    return first
+
+
+def _sections(
+    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, left: list[Left]
+) -> tuple[list[Section], float]:
+    """Bodies, and the thickness of plane ones."""
+    sections = []
+    thickness = 1.0
+    free = np.ones(len(parts.raw.cells), dtype=bool)
+    for block in of_kind(found, "SOLID SECTION"):
+        name = block.option("MATERIAL")
+        tag = parts.body(block.option("ELSET"))
+        if tag is None:
+            left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
+            continue
+        if name.upper() not in materials:
+            raise SceneError(f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu")
+        if not free[parts.raw.bodies[tag]].all():
+            raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
+        free[parts.raw.bodies[tag]] = False
+        if block.rows and block.rows[0][0] and parts.raw.dim == 2:
+            thickness = block.number(block.rows[0][0])
+        sections.append(Section(tag, materials[name.upper()], block.source))
+    if not sections:
+        raise SceneError(f"{found[0].file} has no *SOLID SECTION with cells of the mesh: give its bodies materials")
+    if free.any():
+        left.append(Left(sections[-1].source, "*SOLID SECTION", f"{int(free.sum())} cells belong to no section"))
+    return sections, thickness
+
+
+def _ignored(found: Sequence[Block]) -> Iterator[Left]:
+    """Blocks without counterpart."""
+    for block in found:
+        keyword = block.keyword
+        if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
+            yield block.left("NLGEOM, large displacements: strains and rotations are small here")
+        elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
+            yield block.left("FIXED, SUBMODEL and USER have no counterpart: its lines are read as they stand")
+        elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
+            yield block.left(_REASONS.get(keyword, "no counterpart"))

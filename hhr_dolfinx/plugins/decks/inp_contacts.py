@@ -1,0 +1,116 @@
+"""Contact pairs of a deck, their friction, and rigid planes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hhr_dolfinx.plugins.decks.deck import Left, Pair
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.named import NamedParts
+
+STRAIGHT = 1e-9
+"""Deviation over their extent up to which the points of a rigid surface lie in a plane."""
+Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""A point of a rigid plane, its unit normal, and the motion of its reference node, (dim,) each."""
+
+
+def pairs_of(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> tuple[Pair, ...]:
+    """Contact pairs and obstacles; parts without counterpart are left."""
+    friction = _frictions(found, left)
+    planes = _planes(found, parts, state, left)
+    cleared = of_kind(found, "CLEARANCE")
+    gaps = {(block.word("SLAVE"), block.word("MASTER")): block.number(block.option("VALUE")) for block in cleared}
+    pairs = []
+    for block in of_kind(found, "CONTACT PAIR"):
+        for row in block.rows:
+            names = [word.upper() for word in row if word][:2]
+            coefficient = friction.get(block.word("INTERACTION"), 0.0)
+            if len(names) < 2 or coefficient is None or "TIED" in block.options:
+                left.append(block.left("a pair needs two surfaces" if len(names) < 2 else "no counterpart: it is tied"))
+                continue
+            surfaces = [parts.surface(name) for name in names]
+            slave, master = surfaces
+            lost = [name for name, tag in zip(names, surfaces, strict=True) if tag is None]
+            deformable = slave if slave is not None else master
+            if slave is not None and master is not None:
+                pairs.append(parts.pair(slave, master, coefficient, block.source, gaps.get((names[0], names[1]), 0.0)))
+            elif lost[0] in planes and deformable is not None:
+                point, normal, motion = planes[lost[0]]
+                normal = normal * np.sign(normal @ parts.normals(deformable).mean(axis=0)) + 0.0
+                text = f"hhr.Obstacle({deformable!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
+                pairs.append(Pair(text, coefficient, block.source, float(motion @ normal)))
+            else:
+                left.append(block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid plane"))
+    return tuple(pairs)
+
+
+def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, float | None]:
+    """Coefficient of friction by the name of the interaction in capitals, None if it is tied."""
+    frictions: dict[str, float | None] = {}
+    name = ""
+    for block in found:
+        if block.keyword == "SURFACE INTERACTION":
+            name = block.option("NAME").upper()
+            frictions[name] = 0.0
+        elif block.keyword == "FRICTION" and block.rows:
+            frictions[name] = block.number(block.rows[0][0])
+        elif block.keyword == "SURFACE BEHAVIOR":
+            kind = block.word("PRESSURE-OVERCLOSURE") or "HARD"
+            frictions[name] = None if kind == "TIED" else frictions.get(name, 0.0)
+            if kind not in ("HARD", "TIED"):
+                left.append(block.left(f"PRESSURE-OVERCLOSURE={kind}: contact is hard here, surfaces do not overlap"))
+    return frictions
+
+
+def is_tool(block: Block, parts: NamedParts) -> bool:
+    """True for a *RIGID BODY without cells of the mesh."""
+    return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
+
+
+def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> dict[str, Plane]:
+    """Rigid planes by the name of their surface in capitals: straight profiles, and rigid elements in a plane."""
+    dim = parts.raw.dim
+    motions: dict[str, np.ndarray] = {}
+    for block in of_kind(found, "RIGID BODY"):
+        if not is_tool(block, parts):
+            left.append(block.left("no counterpart: impose displacements on its nodes"))
+            continue
+        motion = motions.setdefault(block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim))
+        for item in state:
+            if item.row[0].upper() == block.word("REF NODE") and item.moves(dim) and item.component < dim:
+                motion[item.component] = item.factor
+    planes = {}
+    for block in of_kind(found, "SURFACE"):
+        name = owner = block.option("NAME").upper()
+        firsts = [row[0].upper() for row in block.rows]
+        points: list[list[float]] = []
+        profile = block.word("TYPE") in ("SEGMENTS", "CYLINDER")
+        if profile and firsts[:1] == ["START"] and set(firsts[1:]) == {"LINE"}:
+            points = [[*[*block.numbers(row, 1), 0.0, 0.0][:2], 0.0] for row in block.rows]
+        elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
+            owner = firsts[0]
+            points = _points_of(found, owner)
+        plane = _plane(np.array(points), sweep=profile or dim == 2)
+        if plane is not None:
+            planes[name] = plane[0][:dim], plane[1][:dim], motions.get(owner, np.zeros(dim))
+    return planes
+
+
+def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
+    """Coordinates of the nodes of the elements of blocks with a set."""
+    elements = [row for block in of_kind(found, "ELEMENT") if block.word("ELSET") == elset for row in block.rows]
+    numbers = {word for row in elements for word in row[1:]}
+    nodes = [(block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers]
+    return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]
+
+
+def _plane(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """A point and the unit normal of the plane through points, (n, 3), and along z if they are swept; else nothing."""
+    if len(points) < 2:
+        return None
+    along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
+    spans = np.concatenate([points[1:] - points[0], [along, along]])
+    _, sizes, axes = np.linalg.svd(spans)
+    return (points[0], axes[2]) if sizes[1] > STRAIGHT * sizes[0] >= sizes[2] else None

@@ -1,0 +1,126 @@
+"""Supports and loads of a deck, as parts of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Support, Tag
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.named import NamedParts
+
+MANY = 8
+"""Forces of a block above which they are one load, hhr.NodalForces."""
+
+
+def loads_of(
+    found: Sequence[Block],
+    state: Sequence[Imposed],
+    parts: NamedParts,
+    bodies: Mapping[Tag, Material],
+    thickness: float,
+    left: list[Left],
+) -> tuple[list[Support], list[Load]]:
+    """Supports and loads; rows without counterpart are left, and forces are per thickness in the plane."""
+    dim = parts.raw.dim
+    supports = []
+    forces: dict[str, list[tuple[Tag, int, float]]] = {}
+    loads: list[Load] = []
+    for item in state:
+        block = item.block
+        place = parts.place(item.place)
+        if block.keyword in ("DLOAD", "DSLOAD"):
+            made = _distributed(item, parts, bodies)
+            loads += [] if isinstance(made, str) else [load for load in made if load.value]
+            left += [block.left(made)] if isinstance(made, str) else []
+        elif block.keyword == "TEMPERATURE" or (item.component >= 3 and not item.factor):
+            continue  # nodes of solids have no rotations
+        elif place is None or item.component >= max(dim, 3 * (block.keyword == "BOUNDARY")):
+            left.append(block.left(f"'{item.row[0]}' is no node of the mesh, or has no component {item.component + 1}"))
+        elif block.keyword == "BOUNDARY" and item.component < dim:
+            supports.append(Support(place, item.component, item.factor, block.source))
+        elif block.keyword == "CLOAD" and item.factor:
+            forces.setdefault(block.source, []).append((place, item.component, item.factor / thickness))
+    for source, own in forces.items():
+        loads += _forces(source, own, dim)
+    return supports, [*loads, *_heated(found, state, parts, bodies, left)]
+
+
+def _unit(component: int, dim: int) -> tuple[float, ...]:
+    return tuple(np.eye(dim)[component].tolist())
+
+
+def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[Load]:
+    """Forces of a block: a load for each set and component, or one load for many of them."""
+    if len(forces) <= MANY:
+        texts = [(f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value) for place, axis, value in forces]
+        return [Load("force", text, value, source) for text, value in texts]
+    vectors: dict[Tag, np.ndarray] = {}
+    for place, component, value in forces:
+        vectors[place] = vectors.get(place, np.zeros(dim)) + value * np.eye(dim)[component]
+    text = repr({place: tuple(vector.tolist()) for place, vector in vectors.items()})
+    return [Load("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
+
+
+def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material]) -> list[Load] | str:
+    """Loads on a surface, on faces of elements or on their volume, or the reason why there are none."""
+    label = item.row[1].upper()
+    dim = parts.raw.dim
+    source = item.block.source
+    more = [*item.block.numbers(item.row, 2), *(0.0,) * 8]
+    value = item.factor * more.pop(0)
+    surface = parts.surface(item.place)
+    if (label[:1] == "P" and label[1:].isdigit()) or label in ("P", "TRVEC"):
+        if surface is None:
+            return f"'{item.row[0]}' is no surface of the mesh"
+        if label == "TRVEC":
+            unit = np.array(more[:dim]) / (np.linalg.norm(more[:dim]) or 1.0)
+            return [Load("traction", f"hhr.Traction({surface!r}, {tuple(unit.tolist())}, {{}})", value, source)]
+        return [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
+    tags = parts.bodies_in(item.row[0], bodies)
+    if not tags or label not in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
+        return f"no counterpart: load {label}" if tags else f"'{item.row[0]}' holds no whole body"
+    loads = []
+    for tag in tags:
+        density = 1.0 if label[0] == "B" else bodies[tag].density
+        if density is None:
+            return f"the material of body '{tag}' has no *DENSITY"
+        text = f"hhr.BodyForce({tag!r}, {tuple(more[:dim])}, {{}})"
+        if label == "CENTRIF":
+            text = f"hhr.Centrifugal({tag!r}, {{}}, {tuple(more[:dim])}{f', {tuple(more[3:6])}' if dim == 3 else ''})"
+        elif label[0] == "B":
+            text = f"hhr.BodyForce({tag!r}, {_unit('XYZ'.index(label[1]), dim)}, {{}})"
+        kind = {"G": "weight", "C": "rotation", "B": "body_force"}[label[0]]
+        loads.append(Load(kind, text, value * density, source))
+    return loads
+
+
+def _heated(
+    found: Sequence[Block],
+    state: Sequence[Imposed],
+    parts: NamedParts,
+    bodies: Mapping[Tag, Material],
+    left: list[Left],
+) -> list[Load]:
+    """Thermal expansion of bodies with one temperature each, above that of *INITIAL CONDITIONS."""
+    rise = np.zeros(len(parts.raw.points))
+    final = [item for item in state if item.block.keyword == "TEMPERATURE"]
+    starts = [one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"]
+    initial = [(-1.0, block, row) for block in starts for row in block.rows if len(row) > 1]
+    for factor, block, row in (*initial, *((item.factor, item.block, item.row) for item in final)):
+        if (place := parts.place(row[0])) is not None:
+            rise[parts.nodes(place)] += factor * block.number(row[1])
+        else:
+            left.append(block.left(f"'{row[0]}' is no set of nodes of the mesh"))
+    loads = []
+    for tag, material in bodies.items() if final else ():
+        own = rise[np.unique(parts.raw.cells[parts.raw.bodies[tag]])]
+        if material.expansion is None or not own.any():
+            continue
+        if np.ptp(own) > 1e-9 * np.abs(own).max():
+            left.append(final[0].block.left(f"the temperature of body '{tag}' differs in it: give a field"))
+            continue
+        text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}})"
+        loads.append(Load("temperature", text, float(own[0]), final[0].block.source))
+    return loads

@@ -1,0 +1,86 @@
+"""Materials of a deck: elasticity, plasticity, creep, expansion, density."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.plugins.decks.deck import Left, Material
+from hhr_dolfinx.plugins.decks.inp_steps import Block
+
+OF_MATERIALS = frozenset({"MATERIAL", "ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY"})
+"""Keywords that are read as parts of a material."""
+PLATEAU = 10.0
+"""Plastic strain by which the last stress of a table is continued: decks keep it, and TabulatedHardening goes on."""
+
+
+def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material]:
+    """Elastic materials, with their laws, by name in capitals; properties without counterpart are left."""
+    own: dict[str, dict[str, Block]] = {}
+    for block in found:
+        if block.keyword == "MATERIAL":
+            own[name := block.option("NAME").upper()] = {}
+        elif block.keyword in OF_MATERIALS and block.rows and own:
+            own[name][block.keyword] = block
+    return {name: _material(name, parts, left) for name, parts in own.items() if "ELASTIC" in parts}
+
+
+def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
+    elastic = own["ELASTIC"]
+    row = elastic.numbers(elastic.rows[0])
+    kind = elastic.word("TYPE") or "ISO"
+    if not kind.startswith("ISO") or len(row) < 2:
+        raise FileContentError(
+            f"{elastic.source} *ELASTIC of material '{name}' is TYPE={kind} with {row}, and E and nu are needed: give "
+            "it these, and change the body to hhr.Orthotropic in the scene"
+        )
+    for block in own.values():
+        if len(block.rows) > 1 and block.keyword != "PLASTIC":
+            left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
+    single = {key: block.number(block.rows[0][0]) for key, block in own.items() if key in ("EXPANSION", "DENSITY")}
+    return Material(
+        name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")
+    )
+
+
+def _law(own: dict[str, Block], left: list[Left]) -> str:
+    """Text of the law of a body; empty for an elastic one."""
+    plastic = own.get("PLASTIC")
+    creep = own.get("CREEP")
+    curve = _curve(plastic, left) if plastic is not None else []
+    if creep is not None:
+        curve = curve if any(stress for stress, _ in curve) else []
+        factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
+        kind = creep.word("LAW") or "STRAIN"
+        if kind in ("STRAIN", "TIME", "NORTON") and factor > 0 and exponent >= 1 and -1 < power <= 0:
+            # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
+            resistance = (factor / (power + 1)) ** (-1 / exponent)
+            if not curve:
+                norton = f"hhr.Norton({resistance!r}, {exponent!r})"
+                return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})" if power else norton
+            if not power and len(curve) < 3:
+                slope = (curve[-1][0] - curve[0][0]) / (curve[-1][1] or 1.0)
+                return f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, {exponent!r})"
+        left.append(creep.left(f"LAW={kind} with {', '.join(creep.rows[0])} has no counterpart, or not with *PLASTIC"))
+    return _plastic(plastic, curve, left) if plastic is not None else ""
+
+
+def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
+    """Stresses and plastic strains, at the first of several temperatures."""
+    rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
+    if any(row[2] != rows[0][2] for row in rows):
+        left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} counts"))
+    return [(row[0], row[1]) for row in rows if row[2] == rows[0][2]]
+
+
+def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -> str:
+    kind = block.word("HARDENING") or "ISOTROPIC"
+    if len(curve) == 1:
+        return f"hhr.Plasticity({curve[0][0]!r})"
+    if kind == "KINEMATIC" and len(curve) == 2 and curve[1][1] > curve[0][1]:
+        slope = (curve[1][0] - curve[0][0]) / (curve[1][1] - curve[0][1])
+        return f"hhr.Chaboche({curve[0][0]!r}, (({slope!r}, 0.0),))"
+    if kind != "ISOTROPIC":
+        left.append(block.left(f"HARDENING={kind} is read as isotropic"))
+    points = [(strain, stress) for stress, strain in curve]
+    return f"hhr.TabulatedHardening({(*points, (points[-1][0] + PLATEAU, points[-1][1]))!r})"

@@ -1,0 +1,123 @@
+"""Names of a mesh file as decks spell them, and the places of its surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
+
+FLAT = 1e-6
+"""Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to which they coincide."""
+FAR = 100.0
+"""Distance of a plane that is out of reach, over the extent of the mesh."""
+
+
+@dataclass(frozen=True)
+class NamedParts:
+    """Bodies, surfaces and sets of nodes of a mesh by their names, in which capitals do not matter."""
+
+    raw: RawMesh
+
+    @cached_property
+    def surfaces(self) -> dict[Tag, np.ndarray]:
+        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by name."""
+        return self.raw.all_surfaces()
+
+    def body(self, name: str) -> Tag | None:
+        """Name of a set of cells as the mesh spells it; None without cells."""
+        return _spelt(name, self.raw.bodies)
+
+    def surface(self, name: str) -> Tag | None:
+        """Name of a surface as the mesh spells it; None without facets."""
+        return _spelt(name, self.surfaces)
+
+    def place(self, name: str) -> Tag | None:
+        """Name of a set of nodes, or of a surface, as the mesh spells it; None without nodes."""
+        return _spelt(name, {key for key, nodes in self.raw.nodes.items() if len(nodes)} | self.surfaces.keys())
+
+    def nodes(self, name: Tag) -> np.ndarray:
+        """Nodes of a set or of a surface by its spelling in the mesh."""
+        parts = [self.raw.nodes[name]] if name in self.raw.nodes else []
+        parts += [self.surfaces[name].ravel()] if name in self.surfaces else []
+        return np.unique(np.concatenate(parts))
+
+    def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
+        """Bodies among ``tags`` whose cells all belong to a set."""
+        found = self.body(name)
+        rows = self.raw.bodies[found] if found is not None else np.zeros(0)
+        return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
+
+    def apart(self) -> list[Tag]:
+        """Bodies without common cells: sets with names come first, then small ones."""
+        free = np.ones(len(self.raw.cells), dtype=bool)
+        found = []
+        for tag in sorted(self.raw.bodies, key=lambda one: (isinstance(one, int), len(self.raw.bodies[one]))):
+            if free[self.raw.bodies[tag]].all() and len(self.raw.bodies[tag]):
+                free[self.raw.bodies[tag]] = False
+                found.append(tag)
+        return found
+
+    @cached_property
+    def _owners(self) -> dict[tuple[int, ...], int]:
+        facets, owners = outer_faces_of_cells(self.raw.kind, self.raw.cells)
+        return dict(zip(map(tuple, np.sort(facets, axis=1).tolist()), owners.tolist(), strict=True))
+
+    def owners(self, name: Tag) -> np.ndarray:
+        """Cell of each outer facet of a surface, (f,); -1 for facets within a body."""
+        return np.array([self._owners.get(tuple(one), -1) for one in np.sort(self.surfaces[name], axis=1).tolist()])
+
+    def normals(self, name: Tag) -> np.ndarray:
+        """Outer unit normals of the facets of a surface, (f, dim)."""
+        points = self.raw.points[self.surfaces[name]]
+        edge = points[:, 1] - points[:, 0]
+        plane = points.shape[2] == 2
+        normals = edge[:, ::-1] * [1, -1] if plane else np.cross(edge, points[:, 2] - points[:, 0])
+        inside = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
+        side = np.einsum("fd,fd->f", normals, points.mean(axis=1) - inside)
+        return normals * (np.sign(side) / np.linalg.norm(normals, axis=1))[:, None]
+
+    def flat_normal(self, name: Tag) -> np.ndarray | None:
+        """Outer unit normal of a flat surface, (dim,); None for a curved one."""
+        normals = self.normals(name)
+        mean = normals.mean(axis=0)
+        return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT else None
+
+    def pair(self, slave: Tag, master: Tag, friction: float, source: str, gap: float = 0.0) -> Pair:
+        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide, else mortar."""
+        normal = self.flat_normal(slave)
+        here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
+        if normal is not None and len(here) == len(there):
+            distance, partner = cKDTree(there).query(here)
+            if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here):
+                text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
+                return Pair(text, friction, source, gap)
+        return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source, gap)
+
+    def out_of_reach(self, supports: Sequence[Support]) -> tuple[Pair, ...]:
+        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none."""
+        held = np.zeros(self.raw.points.shape, dtype=bool)
+        for item in supports:
+            held[self.nodes(item.place), item.component] = True
+        flat = {name: self.flat_normal(name) for name in self.surfaces if (self.owners(name) >= 0).all()}
+        surfaces = [(name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None]
+        outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))
+        for name, normal, nodes in (*surfaces, *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim))):
+            if (~held[nodes] & (np.abs(normal) > FLAT)).any():
+                offset = float((self.raw.points @ normal).max() + FAR * np.ptp(self.raw.points, axis=0).max())
+                text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {offset!r})"
+                return (Pair(text, 0.0, "no contact in the file: a plane out of reach"),)
+        return ()
+
+
+def _spelt(name: str, names: Iterable[Tag]) -> Tag | None:
+    """A name, or its last part after the name of an instance, among names in which capitals do not matter."""
+    known = {str(one).upper(): one for one in names}
+    return known.get(name.upper(), known.get(name.upper().rpartition(".")[2]))

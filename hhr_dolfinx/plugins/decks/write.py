@@ -1,0 +1,102 @@
+"""A scene file of a deck, as text of Python that runs without an edit."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from hhr_dolfinx.plugins.decks.deck import Deck, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.parameters import Item, Proposed, amplitudes, proposed
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
+
+STEPS = 4
+"""Steps of the paths on which models of inelastic bodies are trained."""
+
+
+def scene_text(deck: Deck, file: Path, target: Path) -> str:
+    """Text of the scene file ``target`` of a deck in a file; the mesh is named relative to the folder of the target."""
+    parameters = proposed(deck)
+    of = amplitudes(parameters)
+    mesh = Path(os.path.relpath(deck.path.absolute(), target.absolute().parent)).as_posix()
+    stem = re.sub(r"\W", "_", file.stem)
+    parts: Mapping[str, Iterator[str]] = {
+        "bodies": (_body(item, of) for item in deck.sections),
+        "contacts": map(_pair, deck.pairs),
+        "displacements": _supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, of),
+        "loads": (
+            f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
+        ),
+        "openings": _openings(deck.pairs, of),
+        "outputs": (f'hhr.LargestPressure("largest pressure {k}", contact={k}),' for k in range(len(deck.pairs))),
+    }
+    lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
+    lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
+    lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
+    lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
+    mesh = "WithOutside" if any(repr(OUTSIDE) in pair.text for pair in deck.pairs) else "MeshFile"
+    lines += [f"    geometry=hhr.{mesh}(MESH),", f"    hypothesis={deck.hypothesis!r},"]
+    for name, items in parts.items():
+        lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
+    bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
+    lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
+    return "\n".join([*lines, *(_paths(deck, parameters) if _flows(deck) else ())]) + "\n"
+
+
+def _flows(deck: Deck) -> bool:
+    return any(item.material.law for item in deck.sections)
+
+
+def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
+    duration = f" --duration {deck.seconds:g}" if _flows(deck) else ""
+    yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
+    yield f"    hhr solve {target.name}{duration}    # the middle of the box, which is the state of the file"
+    yield f"    hhr reduce {target.name}   # a small model for all of the box"
+    yield ""
+    for one in parameters:
+        yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, and {one.value:g} in the file."
+
+
+def _body(item: Section, of: Mapping[Item, str]) -> str:
+    material = item.material
+    law = f", law={material.law}" if material.law else ""
+    text = f"hhr.Body({item.tag!r}, young={of.get(item, repr(material.young))}, poisson={material.poisson!r}{law})"
+    return f"{text},  # {item.source}: {material.name} of {material.source}"
+
+
+def _pair(pair: Pair) -> str:
+    friction = f", friction={pair.friction!r}" if pair.friction else ""
+    return f"{pair.text.replace('{}', friction)},  # {pair.source}"
+
+
+def _supports(supports: Sequence[Support], dim: int, of: Mapping[Item, str]) -> Iterator[str]:
+    """One line for each component that is imposed, or for all of them where they are held."""
+    held = [(item.place, item.source) for item in supports if not item.value]
+    for item in supports:
+        end = f"),  # {item.source}"
+        if item.value:
+            yield f"hhr.Displacement({item.place!r}, {item.component}, {of.get(item, repr(item.value))}{end}"
+        elif held.count((item.place, item.source)) < dim:
+            yield f"hhr.Displacement({item.place!r}, {item.component}{end}"
+        elif item.component == 0:
+            yield f"*hhr.Displacement.clamp({item.place!r}, {dim}{end}"
+
+
+def _openings(pairs: Sequence[Pair], of: Mapping[Item, str]) -> Iterator[str]:
+    for number, pair in enumerate(pairs):
+        if pair.gap:
+            text = of.get(pair, repr(pair.gap))
+            text = f"hhr.Amplitude(slopes={{{text}: 1.0}})" if text.startswith("'") else text
+            text = text if text.startswith("hhr.") else f"hhr.Amplitude({text})"
+            yield f"hhr.Opening({number}, {text}),  # {pair.source}"
+
+
+def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
+    """Paths for the reduction of inelastic bodies: from the lower corner of the box to any point."""
+    start = {one.name: one.box[0] for one in parameters}
+    to = {one.name: one.name for one in parameters}
+    yield "# load paths for hhr reduce: from the lower corner of the box to any of its points"
+    yield "PATHS = hhr.PathFamily("
+    yield f"    'loading', scene.parameters, scene.parameters, {start!r}, (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),)"
+    yield ")"

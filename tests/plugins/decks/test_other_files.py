@@ -1,0 +1,110 @@
+"""Command files of code_aster, and meshes without physics, become scenes."""
+
+import numpy as np
+import pytest
+from deck_texts import bar, blocks
+from shell import invoke
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.command.loading import scene_of
+
+COMM = """
+DEBUT()
+E = 1000.0  # a number by its name
+steel = DEFI_MATERIAU(ELAS=_F(E=E, NU=0.0, RHO=2 * 1.0))
+mesh = LIRE_MAILLAGE(FORMAT="MED", UNITE=20)
+model = AFFE_MODELE(MAILLAGE=mesh, AFFE=_F(TOUT="OUI", PHENOMENE="MECANIQUE", MODELISATION="3D"))
+fields = AFFE_MATERIAU(MAILLAGE=mesh, AFFE=(_F(GROUP_MA="LOWER", MATER=steel), _F(GROUP_MA="UPPER", MATER=(steel,))))
+held = AFFE_CHAR_CINE(
+    MODELE=model,
+    MECA_IMPO=(_F(GROUP_MA="LOWER_Z0", LIAISON="ENCASTRE"), _F(GROUP_NO="UPPER_X0", DX=0.0),
+               _F(GROUP_NO="UPPER_Y0", DY=0)),
+)
+load = AFFE_CHAR_MECA(MODELE=model, {load})
+touch = DEFI_CONTACT(MODELE=model, FORMULATION="CONTINUE", FROTTEMENT="COULOMB",
+                     ZONE=_F(GROUP_MA_MAIT="LOWER_TOP", GROUP_MA_ESCL="UPPER_BOTTOM", COULOMB=0.3))
+{more}
+FIN()
+"""
+
+
+def mesh_of(text):
+    """The part of a deck before its materials."""
+    return text[: text.index("*MATERIAL")]
+
+
+def started(folder, load, more="", **blocks_like):
+    (folder / "run.inp").write_text(mesh_of(blocks("", **blocks_like)))
+    (folder / "run.comm").write_text(COMM.replace("{load}", load).replace("{more}", more))
+    code, output = invoke("start", folder / "run.comm")
+    return code, output, (scene_of(str(folder / "run.py")) if code == 0 else None)
+
+
+@pytest.mark.parametrize(
+    ("load", "name", "pressure"),
+    [('PRES_REP=_F(GROUP_MA="UPPER_TOP", PRES=10.0)', "pressure", 10.0),
+     ('FORCE_FACE=_F(GROUP_MA="UPPER_TOP", FZ=-10.0)', "force", 10.0),
+     ('FORCE_NODALE=_F(GROUP_NO="UPPER_Z1", FZ=-0.5)', "force", 8.0),
+     ('DDL_IMPO=_F(GROUP_NO="UPPER_Z1", DZ=-0.02)', "displacement", 10.0),
+     ('PESANTEUR=_F(GRAVITE=5.0, DIRECTION=(0, 0, -1))', "weight", 10.0)],
+)  # fmt: skip
+def test_a_command_file(load, name, pressure, tmp_path):
+    code, output, scene = started(tmp_path, load)
+    assert code == 0 and "TODO" not in output, output
+    assert isinstance(scene.contacts[0], hhr.Mortar) and scene.contacts[0].friction == 0.3
+    assert scene.parameters.names[0].startswith(name)
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve(scene.parameters.middle)
+    # friction holds what nu = 0 does not move
+    assert full.pressures(answer).sum() == pytest.approx(pressure, rel=1e-6)
+    assert "run.comm:13" in (tmp_path / "run.py").read_text()
+
+
+def test_nothing_of_a_command_file_is_executed(tmp_path):
+    mark = tmp_path / "executed"
+    more = f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nfor k in range(3):\n    MACR(K=k)\nOTHER(A=1)"
+    load = 'PRES_REP=_F(GROUP_MA="UPPER_TOP", PRES=10.0), LIAISON_DDL=_F(GROUP_NO="A")'
+    load += ', FORCE_FACE=_F(GROUP_MA="X", FX=E())'
+    code, output, _ = started(tmp_path, load, more)
+    assert code == 0 and not mark.exists()
+    for words in ("For: not read", "OTHER: not read", "LIAISON_DDL of 'A' has no counterpart",
+                  "FX of FORCE_FACE is not literal"):  # fmt: skip
+        assert words in output
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [(("E=E,", "E=young(),"), "run.comm:7 AFFE_MATERIAU: the material has no literal ELAS"),
+     (('GROUP_MA="LOWER", M', 'GROUP_MA="BASE", M'), "the mesh has no body of ('BASE',)"),
+     (("DEBUT()", "DEBUT("), "is no command file")],
+)  # fmt: skip
+def test_mistakes_in_command_files(change, why, tmp_path, monkeypatch):
+    assert change[0] in COMM
+    monkeypatch.setattr("test_other_files.COMM", COMM.replace(*change))
+    code, output, _ = started(tmp_path, 'PRES_REP=_F(GROUP_MA="UPPER_TOP", PRES=10.0)')
+    assert code == 3 and why in output
+    (tmp_path / "run.inp").unlink()
+    code, output = invoke("start", tmp_path / "run.comm")
+    assert code == 3 and "--mesh part.med" in output
+
+
+def test_a_mesh_without_physics(tmp_path):
+    """Two blocks: surfaces that face each other, a support below and a pressure of 1 above, which passes through."""
+    (tmp_path / "part.inp").write_text(mesh_of(blocks("", gap=0.001)))
+    code, output = invoke("start", tmp_path / "part.inp")
+    assert code == 0 and "TODO part.inp materials, support and pressure: a proposal" in output
+    scene = scene_of(str(tmp_path / "part.py"))
+    assert set(scene.contacts[0].tags) in [{"UPPER_BOTTOM", "LOWER_TOP"}, {"UPPER_Z0", "LOWER_Z1"}]
+    found = hhr.FullOrderModel(scene)
+    answer = found.solve(scene.parameters.middle)
+    assert found.pressures(answer).sum() == pytest.approx(1.0, rel=1e-9)
+    assert np.isclose(scene.bodies[0].young, 210e3)
+
+
+def test_a_mesh_that_does_not_say_what_touches(tmp_path):
+    """One bar: contacts are to be chosen, and the scene that is written asks for them."""
+    (tmp_path / "part.inp").write_text(mesh_of(bar("")))
+    code, output = invoke("start", tmp_path / "part.inp")
+    assert code == 0 and "TODO part.inp contact: no named surfaces of two bodies face each other" in output
+    code, output = invoke("check", tmp_path / "part.py")
+    assert code != 0 and "contacts=(NodeToSurface(slave, master),)" in output
