@@ -42,9 +42,17 @@ class ExternalOperator(OutsideLaw):
         results: Sequence[str] = ("tangents", "stress", "+cumulated"),
         memory: Mapping[str, int] = NONE,
     ):
-        wrong = {*operands} - {"increment", "stress", "dt", "young", "poisson", *KNOWN, *memory, *constants}
+        known = {"increment", "stress", "dt", "young", "poisson", "tangents", *KNOWN}
+        twice = sorted((known & {*memory, *constants}) | ({*memory} & {*constants}))
+        if not callable(external) or twice:
+            raise SceneError(
+                f"{external!r} must be the external_function of an operator, and {twice} of memory and constants are "
+                "names that all such laws have: give others"
+            )
+        wrong = {*operands} - known - {*memory} - {*constants} | {*operands} & {"tangents"}
         wrong |= ({name.removeprefix("+") for name in results} ^ {"tangents", "stress", *memory}) - {"cumulated"}
-        if wrong or operands[0] not in ("increment", "strain"):
+        wrong |= {*results} & {"+tangents"}
+        if wrong or not operands or operands[0] not in ("increment", "strain"):
             raise SceneError(
                 f"operands {operands} begin with strain or increment, and results {results} are tangents, stress and "
                 f"the memory {list(memory)}: {sorted(wrong)} are missing or unknown"
@@ -73,10 +81,17 @@ class ExternalOperator(OutsideLaw):
         arrays = (np.array(known[name]) for name in self.operands)  # copies, as a function may write into them
         cells = [array[:, None] if array.ndim else np.full((len(step.strain), 1), array) for array in arrays]
         found = self.external((1,) + (0,) * (len(cells) - 1))(*cells)
-        if len(found) != len(self.results):
-            raise SceneError(f"{self.name} returns {len(found)} arrays, and its results are {self.results}")
+        points, strains = step.strain.shape
+        sizes = {"tangents": strains * strains, "stress": strains}
         values = {}
-        for name, value in zip(self.results, found, strict=True):
-            own = name.removeprefix("+")
-            values[own] = value if own == name else old[own] + np.reshape(value, old[own].shape)
-        return values.pop("stress").reshape(step.strain.shape), values, values.pop("tangents")
+        try:
+            for name, value in zip(self.results, found, strict=True):
+                own = name.removeprefix("+")
+                shape = (points, sizes[own]) if own in sizes else old[own].shape
+                values[own] = np.reshape(np.asarray(value, dtype=float), shape) + (0.0 if own == name else old[own])
+        except (TypeError, ValueError) as error:
+            raise SceneError(
+                f"{self.name} does not return its results {self.results} as numbers for {points} points and strains of "
+                f"{strains} components: {error}"
+            ) from error
+        return values.pop("stress"), values, values.pop("tangents")

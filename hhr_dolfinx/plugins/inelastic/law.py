@@ -82,7 +82,7 @@ class Law:
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
         elastic: whether its constants, numbers, state the elasticity instead of E and ν of the body.
-        swells: whether ε - C^-1 σ changes by more than flow, as by heat.
+        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: creep then counts in short steps.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -228,7 +228,7 @@ class LawProgram(Rebuilt):
     elastic: bool = False  # whether its constants, and not E and ν, state the elasticity
     reason: str = ""  # what is wrong beyond its limit; empty without one
     plane_stress: bool = False  # whether it is stated for it
-    swells: bool = False  # whether ε - C^-1 σ changes by more than flow
+    swells: bool = False  # whether ε - C^-1 σ changes by more than creep
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -320,21 +320,34 @@ class LawProgram(Rebuilt):
         """C and C^-1, (c, c) each; SceneError if a constant that states them is no number."""
         if not self.elastic:
             return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
-        at_rest = np.zeros((self.program.inputs, 1))
         numbers = [value if is_number(value) else math.nan for value in self.values]
-        at_rest[self.program.inputs - 2 - len(numbers) :, 0] = (young, poisson, *numbers)
-        strains = self.strains
-        if self.plane_stress:  # the one unknown is the strain across
-            slopes = evaluated(self.program, at_rest, TRIAL, START, AFTER, SLOPES)[:, 0]
-            elastic, across, left = np.split(slopes, np.cumsum([strains * strains, strains]))
-            slope = evaluated(self.program, at_rest, TRIAL, START, LOCAL)[1]
-            elastic = elastic.reshape(strains, strains) - np.outer(across, left) / slope
-        else:
-            elastic = evaluated(self.program, at_rest, TRIAL, REST, REST_SLOPES)
+        elastic = self._at_rest(np.array([[young], [poisson], *([value] for value in numbers)]))[0]
         if not np.isfinite(elastic).all():
             raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
-        elastic = elastic.reshape(strains, strains)
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
+
+    def compliances(self, given: Given) -> np.ndarray:
+        """Inverse of the tangents at rest, (n, c, c) or (1, c, c) if points share constants: C^-1 with an own E too."""
+        if not self.swells:
+            return given.compliance[None]
+        return np.linalg.pinv(self._at_rest(given.constants))
+
+    def _at_rest(self, constants: np.ndarray) -> np.ndarray:
+        """Tangents without strain and memory, (n, c, c), for E, ν and the constants of a law, (2 + constants, n)."""
+        strains = self.strains
+        count = constants.shape[1]
+        inputs = np.vstack([np.zeros((self.program.inputs - len(constants), count)), constants])
+        if not self.plane_stress:
+            found = evaluated(self.program, inputs, TRIAL, REST, REST_SLOPES)
+            return found.T.reshape(count, strains, strains)
+        # where nothing flows the strain across alone is to be solved for; it is the last unknown
+        unknowns = len(self.kinds)
+        slopes = evaluated(self.program, inputs, TRIAL, START, AFTER, SLOPES).T
+        whole, by_unknown, left = np.split(slopes, np.cumsum([strains * strains, strains * unknowns]), axis=1)
+        across = by_unknown.reshape(count, strains, unknowns)[:, :, -1]
+        row = left.reshape(count, unknowns, strains)[:, -1]
+        slope = evaluated(self.program, inputs, TRIAL, START, LOCAL)[-1]
+        return whole.reshape(count, strains, strains) - np.einsum("ni,nj,n->nij", across, row, 1 / slope)
 
     def _check(self, result: np.ndarray, strain: np.ndarray) -> None:
         """Raise ConvergenceError for points without an answer, if their strain is a number."""

@@ -251,6 +251,7 @@ class PlasticityWithCreep(_Stated):
     resistance: float | str
     exponent: float | str
     memory: ClassVar = {"yielded": NUMBER}
+    swells: ClassVar[bool] = True
     unknowns: ClassVar = _STRESS
     limits: ClassVar = {**_YIELD, **_CREEP}
     stated: ClassVar = "plasticity_with_creep"
@@ -485,7 +486,7 @@ class ChangingStiffness(_Around):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.elastic:
-            raise SceneError(f"{self._inner.name} has elasticity of its own: write formulas for its moduli")
+            raise SceneError(f"{self._inner.name} has elasticity of its own, whose moduli are constant numbers")
 
 
 def _unused(name: str, known: Mapping[str, object]) -> str:

@@ -97,6 +97,10 @@ class LawCode(LawProgram):
             "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
         )
 
+    def compliances(self, given: Given) -> np.ndarray:
+        """See :class:`LawProgram`."""
+        return given.compliance[None]
+
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
         """See :class:`LawProgram`."""
         self.law.with_numbers(numbers, place)

@@ -135,8 +135,9 @@ class TimeError:
         rate = _rate(law, answer, points, given, dt) if law.swells else flowed / dt
         rest = self.rate[k] if self.rate is not None else _rate(law, before, points, given, dt)
         added = dt * (rate - rest) / 2
-        error = np.einsum("nij,nj->ni", tangents, (self.error[k] + added) @ given.compliance.T)
-        kept = np.einsum("nij,nj->ni", tangents, added @ given.compliance.T)
+        filters = tangents @ law.compliances(given)
+        error = np.einsum("nij,nj->ni", filters, self.error[k] + added)
+        kept = np.einsum("nij,nj->ni", filters, added)
         return error, rate, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
@@ -183,6 +184,7 @@ def in_parts(
     done = 0.0
     spent = 0
     length = 1.0
+    largest = 0.0  # stress of all attempts: near rest an error is small beside that of the step
     solved = list[Answer]()
     for _ in range(MOST_PARTS):
         end = min(done + length, 1.0)
@@ -198,7 +200,8 @@ def in_parts(
         allowed = tolerance * max(1 - after.left, duration / STEPS)
         if not allowed > 0:
             break
-        miss = after.added / allowed if len(found) == 1 else 1.0
+        largest = max(largest, after.largest)
+        miss = after.added * after.largest / (largest * allowed) if len(found) == 1 and largest > 0 else 1.0
         factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
         length = duration * factor
         if miss > 1:

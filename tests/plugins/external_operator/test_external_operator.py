@@ -162,5 +162,19 @@ def test_what_is_no_law_is_refused(wrong, why):
 
 def test_a_function_that_returns_something_else_is_refused():
     law = hhr.ExternalOperator(lambda orders: lambda *given: return_mapping(*given)[:2])
-    with pytest.raises(SceneError, match=r"<lambda> returns 2 arrays, and its results are \('tangents'"):
+    with pytest.raises(SceneError, match=r"<lambda> does not return its results \('tangents'"):
+        hhr.FullOrderModel(walled_tube(law)).march(up(0.9), TIGHT)
+
+
+@pytest.mark.parametrize(
+    ("found", "given"),
+    [(lambda *_: None, {}), (lambda *_: ("a", "b", "c"), {}), (lambda e, *_: (e, e, e), {}),
+     (None, {"constants": {"cumulated": 1.0}}), (None, {"constants": {"dt": 1.0}}), (None, {"operands": ()}),
+     (None, {"memory": {"stress": 1}}), (None, {"results": ("+tangents", "stress")})],
+)  # fmt: skip
+def test_results_and_names_that_cannot_be_are_refused(found, given):
+    """By words at the door, and not by an exception of arrays, or by a constant that replaces a variable."""
+    with pytest.raises(SceneError):
+        law = hhr.ExternalOperator(lambda orders: found, **given)
+        assert not given
         hhr.FullOrderModel(walled_tube(law)).march(up(0.9), TIGHT)

@@ -16,6 +16,7 @@ from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE
@@ -149,6 +150,34 @@ def test_finer_tolerances_take_more_parts(pellet):
     assert parts == sorted(set(parts)) and parts[0] < 30
     wrong = [errors(exact, history)[0] for history in found]
     assert wrong == sorted(wrong, reverse=True)
+
+
+@pytest.mark.parametrize("modulus", [50.0, 260.0])
+def test_a_law_with_an_own_modulus_has_the_error_of_a_body_with_it(modulus):
+    """What a step keeps of an error is a share by the modulus of the law: by that of the body it grows or vanishes."""
+    law, (times, loads) = hhr.Norton(6.0, 4.0), held(6, 4, 1, 0.9)
+    path = [(float(time), np.array([load])) for time, load in zip(times, loads, strict=True)]
+    found = []
+    for own, young in ((hhr.ChangingStiffness(law, modulus), 200.0), (law, modulus)):
+        body = (hhr.Body(block.SOLID, young, 0.3, own),)
+        found.append(hhr.FullOrderModel(tube(own, 0.9, cells=3, bodies=body)).march(path, CONTROLLED))
+    assert found[0].time_error == pytest.approx(found[1].time_error, rel=1e-4)
+    assert found[0].parts == found[1].parts
+
+
+def test_linear_creep_from_rest_keeps_a_tolerance():
+    """Its error falls with the stress of a short part, which is small beside that of the step."""
+    full = hhr.FullOrderModel(tube(hhr.Norton(100.0, 1.0), 0.9, cells=3))
+    found = full.march([(time, np.array([min(time, 0.9)])) for time in (0.0, 0.45, 0.9, 2.0)], CONTROLLED)
+    assert found.time_error.max() < 0.012 and 5 < sum(found.parts) < 400
+
+
+@pytest.mark.parametrize("up", [0.1, 1e-4])
+def test_yield_in_a_quick_step_is_no_rate_of_the_hold(up):
+    """Plastic flow of the load divided by its time would count as creep at the start of the hold."""
+    full = hhr.FullOrderModel(tube(hhr.PlasticityWithCreep(1.2, 5.0, 6.0, 4.0), 0.9, cells=3))
+    found = full.march([(0.0, [0.0]), (up, [0.9]), (up + 0.1, [0.9]), (up + 1.0, [0.9])], QUIET)
+    assert 1e-4 < found.time_error.max() < 0.05
 
 
 def test_laws_without_rates_have_no_time_error():
