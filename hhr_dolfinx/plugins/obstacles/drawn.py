@@ -29,8 +29,8 @@ SAMPLES = 401
 """Points of a curve given by a formula; a spline through them is off by the fourth power of their distance."""
 SMOOTH = np.cos(np.deg2rad(20.0))
 """Cosine of half the angle of a crease: normals of smooth surfaces deviate less from the way to the closest point."""
-EDGE = 1e-9
-"""Part of a facet or of the extent of an obstacle by which round-off puts a point off its edge."""
+EDGE = 1e-6
+"""Part of a facet by which round-off puts a point off its edge."""
 AT_ONCE = 200_000
 """Pairs of a node and a facet in one batch."""
 
@@ -72,7 +72,6 @@ class Facets:
             smooth = self.turned * _rotated(self._at(places)[1])
         else:
             offsets = np.einsum("mk,mkd->md", weights, self._corners[facets]) - local
-        size = np.ptp(self.points, axis=0).max()
         away = np.linalg.norm(offsets, axis=1)
         flat = smooth if self.curve.size else self.turned * _oriented(self._corners, self.corner_normals)[facets]
         straight = normalised(offsets) * np.where(np.einsum("md,md->m", offsets, smooth) < 0, -1.0, 1.0)[:, None]
@@ -80,8 +79,9 @@ class Facets:
         # all corners of the facet that bear the closest point are on the end
         end = ((self.open[facets] == 1) | (weights <= EDGE)).all(axis=1)
         sideways = np.linalg.norm(offsets - np.einsum("md,md->m", offsets, flat)[:, None] * flat, axis=1)
-        beyond = end & (sideways > EDGE * size)
-        edge = (away > EDGE * size) & (aligned < SMOOTH) & ~end
+        lengths = np.linalg.norm(np.ptp(self._corners[facets], axis=1), axis=1)
+        beyond = end & (sideways > EDGE * lengths)
+        edge = (away > EDGE * lengths) & (aligned < SMOOTH) & ~end
         return np.where(edge[:, None], straight, smooth), beyond
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -279,7 +279,8 @@ class Profile(Rigid):
         powers = None
         count = len(steps)
         if self.smooth and count > 1:
-            knots = np.append(0.0, np.cumsum(steps))
+            # a formula is a function of its variable, points are one of the length of chords
+            knots = np.linspace(*self.between, SAMPLES) if self.between else np.append(0.0, np.cumsum(steps))
             spline = CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
             powers = spline.c * (np.diff(knots)[:, None] ** np.arange(3, -1, -1)).T[:, :, None]
             places = np.linspace(0.0, count, PARTS * count + 1)
@@ -290,6 +291,8 @@ class Profile(Rigid):
 
     def _points(self) -> np.ndarray:
         if not isinstance(self.curve, str):
+            if self.between is not None:
+                raise SceneError("the points of a Profile have their own ends: leave out between")
             try:
                 return np.array(self.curve, dtype=float)
             except (TypeError, ValueError):
@@ -332,8 +335,9 @@ class RigidMesh(Rigid):
     @cached_property
     def shape(self) -> Facets:  # type: ignore[override]
         """See :class:`Rigid`; SceneError for a mesh without triangles or an unreadable file."""
+        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else self.mesh
         try:
-            points, *parts = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else self.mesh
+            points, *parts = given
             points = np.array(points, dtype=float)
             facets = np.concatenate([_triangles(np.array(part, dtype=np.int64)) for part in parts])
         except (TypeError, ValueError, IndexError):
