@@ -15,15 +15,22 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.amplitudes import EVERYWHERE, FINITE, check_formula
+from hhr_dolfinx.amplitudes import FINITE, check_formula
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import STEP, Formula, Scalar, box_samples, formula_of
 from hhr_dolfinx.loads import Term
-from hhr_dolfinx.pairings.sides import looking
-from hhr_dolfinx.pairings.surface import GRAZING, Surface, nodal_rows, tangential_order, warn, warn_of_overlap
+from hhr_dolfinx.pairings.surface import (
+    GRAZING,
+    Surface,
+    looking,
+    nodal_rows,
+    tangential_order,
+    warn,
+    warn_of_overlap,
+)
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
 from hhr_dolfinx.plain import Rebuilt
 
@@ -32,13 +39,11 @@ TURN = 10.0
 TRIED = 32
 """Random points of the box, in addition to its corners, at which normals are compared."""
 FAR = 10.0
-"""Gap of a node whose normal misses the obstacle, over the extent of the surface."""
-BOTH = 2
-"""Sides of an obstacle without an inside and an outside."""
+"""Gap of a node whose normal misses the obstacle, over the extent of the surface: it never closes."""
 
 
 class RigidShape(Protocol):
-    """Geometry of an obstacle of sizes q, (k,): its place, then what else depends on parameters."""
+    """Geometry of an obstacle of given sizes, (k,): its place, then what else depends on parameters."""
 
     def normals(self, sizes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Unit normals from points, (m, dim), into the obstacle, and points beyond its end, (m,) bool."""
@@ -48,6 +53,12 @@ class RigidShape(Protocol):
 
     def sides(self) -> Sequence[RigidShape]:
         """The shape, or both of its orientations if none is given."""
+
+
+def distances(shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Distances along unit normals, (m,), large ones where these miss the obstacle."""
+    found = shape.along(sizes, points, normals)
+    return np.where(np.isnan(np.real(found)), FAR * np.ptp(points, axis=0).max(initial=0.0), found)
 
 
 @dataclass(frozen=True)
@@ -67,11 +78,11 @@ class Distances(Rebuilt):
         return len(self.still)
 
     @cached_property
-    def _scalars(self) -> tuple[Scalar, ...]:
-        return tuple(Scalar(text, self.names) for text in self.sizes)
+    def _formulas(self) -> tuple[Formula, ...]:
+        return tuple(Scalar(text, self.names).formula for text in self.sizes)
 
     def _at(self, values: Mapping[str, Any]) -> np.ndarray:
-        sizes = np.array([scalar.formula(values) for scalar in self._scalars])
+        sizes = np.array([formula(values) for formula in self._formulas])
         return distances(self.shape, sizes, self.points, self.normals)
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
@@ -82,18 +93,8 @@ class Distances(Rebuilt):
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the gaps along the parameters, exact to round-off, (m, P)."""
         values = dict(zip(self.names, map(complex, point), strict=True))
-        used = {name for scalar in self._scalars for name in scalar.formula.variables}
-        found = np.zeros((self.count, point.size))
-        for place, name in enumerate(self.names):
-            if name in used:
-                found[:, place] = np.imag(self._at(values | {name: values[name] + 1j * STEP})) / STEP
-        return found
-
-
-def distances(shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Distances along normals, (m,); where these miss the obstacle, a gap that never closes."""
-    found = shape.along(sizes, points, normals)
-    return np.where(np.isnan(np.real(found)), FAR * np.ptp(points, axis=0).max(initial=0.0), found)
+        columns = [self._at(values | {name: values[name] + 1j * STEP}) for name in self.names]
+        return np.stack([np.imag(column) / STEP for column in columns], axis=1)
 
 
 @dataclass(frozen=True)
@@ -109,26 +110,25 @@ class Rigid:
     box: ParameterSpace | None = field(default=None, kw_only=True, repr=False)
 
     dimension: ClassVar[int] = 3
+    limits: ClassVar[tuple[float, float]] = (0.0, np.inf)  # open interval of the last of the sizes
 
     def __post_init__(self) -> None:
         check_tag(f"surface of {type(self).__name__}", self.surface)
-        self.shape  # noqa: B018 (faults are reported where the obstacle is written)
-        self.formulas  # noqa: B018
+        self._shape, self._formulas  # noqa: B018 (faults are reported where the obstacle is written)
 
     @property
-    def shape(self) -> RigidShape:
-        """Geometry of the obstacle."""
+    def _shape(self) -> RigidShape:
         raise NotImplementedError
 
     @property
-    def sizes(self) -> Sequence[Any]:
+    def _sizes(self) -> tuple[Any, ...]:
         """Numbers or formulas of the place, (dim,), and the other sizes of the shape."""
         raise NotImplementedError
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Open interval of the last of the sizes."""
-        return 0.0, np.inf
+    def _rate(self) -> float:
+        """Change of every gap by the last of the sizes; 0 if it differs from node to node."""
+        return 0.0
 
     @property
     def tags(self) -> tuple[Tag, ...]:
@@ -136,24 +136,28 @@ class Rigid:
         return (self.surface,)
 
     @cached_property
-    def formulas(self) -> tuple[Formula, ...]:
-        """The sizes as formulas."""
-        return tuple(formula_of(size, f"a size of {self!r}") for size in self.sizes)
+    def _formulas(self) -> tuple[Formula, ...]:
+        return tuple(formula_of(size, f"a size of {self!r}") for size in self._sizes)
 
-    def vector(self, name: str) -> tuple[Any, ...]:
-        """A field that is a vector of numbers or formulas; SceneError for a wrong length."""
+    def _vector(self, name: str) -> tuple[Any, ...]:
+        """A field that is a vector of numbers or formulas."""
         found = as_tuple(f"{name} of a {type(self).__name__}", getattr(self, name))
-        if len(found) != self.dimension:
-            raise SceneError(f"{name} = {found} of a {type(self).__name__} must have {self.dimension} components")
+        if len(found) != self.dimension or (name == "axis" and all(part == 0 for part in found)):
+            what = f"{name} = {found} of a {type(self).__name__}"
+            raise SceneError(f"{what} must have {self.dimension} components, and an axis a length")
         return found
+
+    @property
+    def _varies(self) -> bool:
+        return any(formula.variables for formula in self._formulas)
 
     def within(self, parameters: ParameterSpace) -> Rigid:
         """The obstacle for a box; SceneError for unknown parameters, and for sizes out of their limits in the box."""
+        for formula in self._formulas[:-1]:
+            check_formula(formula.text, parameters, f"a size of {self!r}", remedy=FINITE)
         low, high = self.limits
-        for formula in self.formulas[:-1]:
-            check_formula(formula.text, parameters, f"a size of {self!r}", EVERYWHERE, FINITE)
         remedy = f"it must be in ({low:g}, {high:g}). Change it, or narrow the box"
-        check_formula(self.formulas[-1].text, parameters, f"the size of {self!r}", (low, high), remedy)
+        check_formula(self._formulas[-1].text, parameters, f"the size of {self!r}", self.limits, remedy)
         return replace(self, box=parameters)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
@@ -166,93 +170,71 @@ class Rigid:
                 f"{type(self).__name__} and get no contact condition, e.g. at {surface.points[lost][0].tolist()}"
             )
         warn_of_overlap(surface, rows)
-        if self._varies:
-            self._warn_of_turns(shape, surface, rows, normals)
+        self._warn_of_turns(shape, surface, rows, normals)
         return surface.averaged(rows)
 
     def gap_terms(self, surfaces: Sequence[Surface], rows: ContactRows) -> list[Term]:
         """Changes of the gaps of the rows over the box; none if no size depends on parameters."""
-        if not self._varies:
+        if not self._varies or self.box is None:
             return []
-        (surface,) = surfaces
-        assert self.box is not None
-        shape, nodal, normals, _ = self._conditions(surface, rows.matrix.shape[1])
+        shape, nodal, normals, _ = self._conditions(surfaces[0], rows.matrix.shape[1])
         # rows are means of those of nodes, whose normals have length 1
         means = csc_matrix(rows.matrix @ nodal.matrix.T)
-        if (rate := self.rate) and not any(formula.variables for formula in self.formulas[:-1]):
-            text = self.formulas[-1].text
+        if self._rate and not any(formula.variables for formula in self._formulas[:-1]):
+            text = self._formulas[-1].text
             middle = Scalar(text, self.box.names).value(self.box.middle)
-            return [Term(Formula(f"({text}) - {middle!r}"), csc_matrix(means.sum(axis=1) * rate))]
-        sizes = tuple(formula.text for formula in self.formulas)
+            return [Term(Formula(f"({text}) - {middle!r}"), csc_matrix(self._rate * means.sum(axis=1)))]
+        sizes = tuple(formula.text for formula in self._formulas)
         return [Term(Distances(shape, sizes, self.box.names, nodal.points, normals, nodal.gap), means)]
-
-    @property
-    def rate(self) -> float:
-        """Change of every gap by the last of the sizes; 0 if it differs from node to node."""
-        return 0.0
-
-    @property
-    def _varies(self) -> bool:
-        return any(formula.variables for formula in self.formulas)
 
     def _at(self, point: np.ndarray | None) -> np.ndarray:
         """Sizes at a point, (P,); None for those of an obstacle without parameters."""
-        names = () if self.box is None or point is None else self.box.names
-        values = dict(zip(names, () if point is None else point.tolist(), strict=True))
-        if missing := {name for formula in self.formulas for name in formula.variables} - set(values):
-            raise SceneError(f"{self!r} names parameters {sorted(missing)}: list it in the contacts of a scene")
-        return np.array([float(formula(values)) for formula in self.formulas])
+        values = {} if point is None or self.box is None else dict(zip(self.box.names, point.tolist(), strict=True))
+        if self._varies and not values:
+            raise SceneError(f"{self!r} names parameters: list it in the contacts of a scene")
+        return np.array([float(formula(values)) for formula in self._formulas])
 
-    def _conditions(
-        self, surface: Surface, dofs: int
-    ) -> tuple[RigidShape, ContactRows, np.ndarray, np.ndarray]:
-        """Oriented shape, rows of nodes and their normals, (m, dim); nodes beyond the end, a mask (n,)."""
+    def _conditions(self, surface: Surface, dofs: int) -> tuple[RigidShape, ContactRows, np.ndarray, np.ndarray]:
+        """Oriented shape, rows of nodes and their normals, (m, dim); nodes that look beyond its end, a mask (n,)."""
         dim = surface.points.shape[1]
         if dim != self.dimension:
-            raise SceneError(f"a {type(self).__name__} is an obstacle in {self.dimension} dimensions, the mesh has {dim}")
+            raise SceneError(
+                f"a {type(self).__name__} is an obstacle in {self.dimension} dimensions, the mesh has {dim}"
+            )
         sizes = self._at(None if self.box is None else self.box.middle)
-        found = [self._seen(shape, sizes, surface) for shape in self.shape.sides()]
-        shape, normals, gaps, areas, lost = max(found, key=lambda one: one[3].sum())
-        nodes = np.flatnonzero(areas > 0)
+        found = []
+        for shape in self._shape.sides():
+            normals, beyond = shape.normals(sizes, surface.points)
+            looks, areas = looking(surface, normals, GRAZING)
+            gaps = distances(shape, sizes, surface.points, normals)
+            nodes = np.flatnonzero(looks & ~beyond)
+            # of both sides of an obstacle the body is on that which is nearer to what looks at it
+            distance = np.abs(gaps[nodes]).mean() if nodes.size else np.inf
+            found.append((distance, shape, nodes, normals, gaps, areas, looks & beyond))
+        _, shape, nodes, normals, gaps, areas, lost = min(found, key=lambda one: one[0])
         if not nodes.size:
             raise SceneError(
                 f"surface {surface.tag} around {surface.points.mean(axis=0).tolist()} does not look at the obstacle "
                 f"{self!r}, or lies beyond its end: correct its place, or inside=True for a body inside of it"
             )
-        # the order does not depend on node numbers
         nodes = nodes[tangential_order(surface.points[nodes], np.zeros(dim))]
         numbers = surface.nodes[nodes]
         matrix = nodal_rows(numbers[:, None], normals[nodes], np.ones((nodes.size, 1)), dofs)
         rows = ContactRows(matrix, gaps[nodes], numbers, surface.points[nodes], areas[nodes])
         return shape, rows, normals[nodes], lost
 
-    @staticmethod
-    def _seen(shape: RigidShape, sizes: np.ndarray, surface: Surface) -> tuple[Any, ...]:
-        """Shape, normals, gaps, and areas of all nodes of the surface; nodes that look beyond the end, (n,)."""
-        normals, beyond = shape.normals(sizes, surface.points)
-        looks, areas = looking(surface, normals, GRAZING)
-        gaps = distances(shape, sizes, surface.points, normals)
-        if len(shape.sides()) == BOTH:  # the back of a body overlaps with the other side of the obstacle
-            looks &= gaps > -np.maximum(surface.cell_sizes(), surface.depths.min())
-        return shape, normals, gaps, np.where(looks & ~beyond, areas, 0.0), looks & beyond
-
     def _warn_of_turns(self, shape: RigidShape, surface: Surface, rows: ContactRows, normals: np.ndarray) -> None:
         """Warn if the normal of a node closer than a cell turns over the box."""
-        assert self.box is not None
-        least = 1.0
-        worst = rows.points[0]
         sizes = surface.cell_sizes()[np.searchsorted(surface.nodes, rows.slaves)]
-        for point in box_samples(self.box, TRIED):
+        worst = np.ones(len(sizes))  # smallest cosine of each node
+        for point in box_samples(self.box, TRIED) if self._varies and self.box is not None else ():
             there = self._at(point)
-            gaps = distances(shape, there, rows.points, normals)
             now, beyond = shape.normals(there, rows.points)
-            cosines = np.where((gaps < sizes) & ~beyond, np.einsum("md,md->m", now, normals), 1.0)
-            if cosines.min() < least:
-                least = float(cosines.min())
-                worst = rows.points[cosines.argmin()]
-        angle = np.rad2deg(np.arccos(np.clip(least, -1.0, 1.0)))
+            near = (distances(shape, there, rows.points, normals) < sizes) & ~beyond
+            worst = np.where(near, np.minimum(worst, np.einsum("md,md->m", now, normals)), worst)
+        angle = np.rad2deg(np.arccos(np.clip(worst.min(), -1.0, 1.0)))
         if angle > TURN:
             warn(
-                f"the normal of {self!r} at {worst.tolist()} turns by up to {angle:.0f} degrees over the box: gaps and "
-                "forces are along that of its middle. Narrow the box"
+                f"the normal of {self!r} at {rows.points[worst.argmin()].tolist()} turns by up to {angle:.0f} degrees "
+                "over the box: gaps and forces are along that of its middle. Narrow the box"
             )

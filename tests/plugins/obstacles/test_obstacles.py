@@ -55,10 +55,10 @@ def hertz(contacts, box, **others):
 
 def cloud(obstacle, points, inside=False):
     """Gaps and normals of points by the geometry of an obstacle of numbers."""
-    sizes = np.array([float(size) for size in obstacle.sizes])
-    normals, beyond = obstacle.shape.normals(sizes, points)
+    sizes = np.array([float(size) for size in obstacle._sizes])
+    normals, beyond = obstacle._shape.normals(sizes, points)
     assert not beyond.any()
-    return obstacle.shape.along(sizes, points, normals), normals
+    return obstacle._shape.along(sizes, points, normals), normals
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -68,9 +68,9 @@ def test_spheres_circles_and_cylinders_are_exact(inside):
     place = np.array([0.1, -0.2, 0.3])
     across = (POINTS - place) - np.outer((POINTS - place) @ axis, axis)
     for obstacle, points, offsets in (
-        (hhr.Sphere(1, tuple(place), 0.7, inside), POINTS, POINTS - place),
-        (hhr.Circle(1, tuple(place[:2]), 0.7, inside), PLANE, PLANE - place[:2]),
-        (hhr.Cylinder(1, tuple(place), tuple(5 * axis), 0.7, inside), POINTS, across),
+        (hhr.Sphere(1, tuple(place), 0.7, inside=inside), POINTS, POINTS - place),
+        (hhr.Circle(1, tuple(place[:2]), 0.7, inside=inside), PLANE, PLANE - place[:2]),
+        (hhr.Cylinder(1, tuple(place), tuple(5 * axis), 0.7, inside=inside), POINTS, across),
     ):
         radii = np.linalg.norm(offsets, axis=1)
         gaps, normals = cloud(obstacle, points)
@@ -80,7 +80,7 @@ def test_spheres_circles_and_cylinders_are_exact(inside):
 
 @pytest.mark.parametrize("angle", [20.0, 45.0, 60.0])
 def test_cones_are_exact(angle):
-    """Nearest to the side at the foot of the perpendicular, or to the tip; 45 degrees is where the quadric is linear."""
+    """Nearest to the side at the foot of the perpendicular, or to the tip; at 45 degrees the quadric is linear."""
     radius, height = np.hypot(POINTS[:, 0], POINTS[:, 1]), POINTS[:, 2]
     sine, cosine = np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))
     side = radius * cosine - height * sine
@@ -303,7 +303,9 @@ def test_a_ring_in_a_hole_whose_radius_is_a_parameter():
 
 def test_cells_of_second_order_average_what_parameters_add():
     """The gaps of all conditions at a point are those of an obstacle there."""
-    scene = ring((2, 3), (hhr.Circle(RIGHT, ("a", 0), "R", inside=True),), {"a": (0.0, 1e-3), "R": (2.0, 2.02)}, order=2)
+    scene = ring(
+        (2, 3), (hhr.Circle(RIGHT, ("a", 0), "R", inside=True),), {"a": (0.0, 1e-3), "R": (2.0, 2.02)}, order=2
+    )
     with pytest.warns(PairingWarning, match="sides of surface .* are straight"):
         problem = hhr.FullOrderModel(scene).problem
         still = replace(scene, contacts=(hhr.Circle(RIGHT, (2e-4, 0), 2.013, inside=True),))
@@ -339,7 +341,7 @@ def fixed(tool, values):
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_all_models_have_the_answers_of_fixed_obstacles(name, tmp_path):
-    """Within 0.6 % of the largest force, since normals turn by half a degree; models, files and derivatives agree with each other."""
+    """Within 0.6 % of the largest force, since normals turn by half a degree; derivatives are those of differences."""
     tool, box = PARAMETERS[name]
     scene = hertz((tool,), box)
     training = hhr.train(scene, hhr.Sobol(12), held_out=20)
@@ -370,7 +372,7 @@ def test_all_models_have_the_answers_of_fixed_obstacles(name, tmp_path):
 
 
 def test_gaps_are_exact_along_the_normals_of_the_middle():
-    """Of every obstacle in space: x + g n is on the obstacle at every point, and derivatives are those of differences."""
+    """x + g n is on the obstacle at every point, and derivatives are those of differences."""
     top = block.side(2, upper=True)
     box = {"a": (0.0, 0.3), "b": (0.9, 1.1)}
     tools = (
@@ -407,7 +409,9 @@ def test_gaps_are_exact_along_the_normals_of_the_middle():
             found = problem.gaps[:, terms] @ slopes
             step = 1e-6
             for place in range(2):
-                moved = [problem.gaps @ problem.amplitudes(np.array(point) + s * step * np.eye(2)[place]) for s in (1, -1)]
+                moved = [
+                    problem.gaps @ problem.amplitudes(np.array(point) + s * step * np.eye(2)[place]) for s in (1, -1)
+                ]
                 assert found[:, place] == pytest.approx((moved[0] - moved[1]) / (2 * step), abs=1e-7)
 
 
@@ -477,10 +481,10 @@ def test_mistakes():
         (lambda: hhr.Circle(TOP, (0, 0, 1), 1.0), "must have 2 components"),
         (lambda: hhr.Sphere(TOP), "must have 3 components"),
         (lambda: hhr.Circle(TOP, (0, None), 1.0), "must be a finite number"),
-        (lambda: hhr.Cone(TOP, (0, 0, 0), (0, 0, 0), 20.0), "must not be zero"),
+        (lambda: hhr.Cone(TOP, (0, 0, 0), (0, 0, 0), 20.0), "and an axis a length"),
         (lambda: hhr.Profile(TOP, [(0, 0)]), "two or more distinct points"),
         (lambda: hhr.Profile(TOP, "x**2"), "its ends increase"),
-        (lambda: hhr.RigidMesh(TOP, "nowhere.stl"), "there is no file nowhere.stl"),
+        (lambda: hhr.RigidMesh(TOP, "nowhere.stl"), "the mesh file nowhere.stl of a RigidMesh cannot be read"),
         (lambda: hhr.RigidMesh(TOP, ([(0, 0, 0)], [])), "with triangles"),
     ):
         with pytest.raises(SceneError, match=match):
