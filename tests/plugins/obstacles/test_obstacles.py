@@ -500,3 +500,16 @@ def test_normals_that_turn_are_said():
     tool = hhr.Circle(TOP, ("a", 1.001), 1.0)
     with pytest.warns(PairingWarning, match=r"turns by up to \d\d degrees over the box"):
         hhr.FullOrderModel(hertz((tool,), {"a": (0.0, 0.4)}))
+
+
+@needs("conformance")
+def test_they_conform():
+    """Rows, and gaps that close as bodies move, of a surface of the scene of conformance."""
+    from hhr_dolfinx.plugins.conformance.checks import LOWER_SURFACE, check_pairing
+
+    for tool in (
+        hhr.Circle(LOWER_SURFACE, (0.5, 300.0), 298.0),
+        hhr.Profile(LOWER_SURFACE, [(-9, 2.0), (9, 2.0)]),
+        hhr.Profile(LOWER_SURFACE, "2 + 0.001 * x**2", between=(-9, 9)),
+    ):
+        check_pairing(tool)
