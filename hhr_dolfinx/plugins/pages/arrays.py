@@ -165,7 +165,7 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
             others.append({"kind": "formula", "steps": steps_of(item)})
         else:
             raise NotOfferedError(
-                f"a page knows no amplitude of kind {type(item).__name__}, which is none of a formula: give the model file"
+                f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: give the model file"
             )
     return {
         "constant": arrays.put("constant", amplitudes.constant),
