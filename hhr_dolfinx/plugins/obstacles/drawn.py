@@ -12,7 +12,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_matrix
 
-from hhr_dolfinx.compat import extra
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import formula_of
@@ -58,11 +57,12 @@ class Facets:
         """Unit normals of the smooth surface at the closest points, at an edge the way to it."""
         local = (points - sizes[:-1]) / sizes[-1]
         facets, weights, offsets = closest_points(local, self.corners)
-        flat, smooth = self.flat[facets], normalised(np.einsum("mk,mkd->md", weights, self.smooth[facets]))
+        flat = self.flat[facets]
+        smooth = normalised(np.einsum("mk,mkd->md", weights, self.smooth[facets]))
         if self.curve.size:
             place, tangent = self._on_curve(facets, weights, local, None)
-            offsets, flat = local - place, normalised(_rotated(tangent))
-            smooth = flat
+            offsets = local - place
+            flat = smooth = normalised(_rotated(tangent))
         lengths = np.linalg.norm(np.ptp(self.corners[facets], axis=1), axis=1)
         heights = np.einsum("md,md->m", offsets, flat)
         # all corners of the facet that bear the closest point are on the end
@@ -93,16 +93,19 @@ class Facets:
         slack = 1e-12 * (np.abs(middles).max() + np.abs(local).max()) ** 2  # cancellation of these squares
         near = (away <= (1 + EDGE) ** 2 * reach**2 + slack) & (self.turned * normals @ self.flat.T > EDGE)
         point, facet = np.nonzero(near)
-        start, edges, normal = self.corners[facet, 0], self.corners[facet, 1:], self.flat[facet]
-        edges = edges - start[:, None]
+        start = self.corners[facet, 0]
+        edges = self.corners[facet, 1:] - start[:, None]
+        normal = self.flat[facet]
         gap = np.einsum("pd,pd->p", start - local[point], normal) / np.einsum("pd,pd->p", normals[point], normal)
         inner = np.einsum("pd,pde->pe", local[point] + gap[:, None] * normals[point] - start, np.linalg.pinv(edges))
         weights = np.column_stack([1 - inner.sum(axis=1), inner])
         order = np.lexsort((np.abs(gap), point))
         order = order[(weights[order] >= -EDGE).all(axis=1)]
         found, first = np.unique(point[order], return_index=True)
-        facet, weights = facet[order[first]], weights[order[first]]
-        places, vectors = np.full_like(local, np.nan), np.zeros_like(local)
+        facet = facet[order[first]]
+        weights = weights[order[first]]
+        places = np.full_like(local, np.nan)
+        vectors = np.zeros_like(local)
         places[found] = np.einsum("mk,mkd->md", weights, self.corners[facet])
         vectors[found] = self.flat[facet]
         if self.curve.size:
@@ -123,7 +126,9 @@ class Facets:
             piece = np.clip(np.floor(place).astype(int), 0, pieces - 1)
             t = (place - piece)[:, None]
             a, b, c, d = self.curve[:, piece]
-            point, tangent, second = ((a * t + b) * t + c) * t + d, (3 * a * t + 2 * b) * t + c, 6 * a * t + 2 * b
+            point = ((a * t + b) * t + c) * t + d
+            tangent = (3 * a * t + 2 * b) * t + c
+            second = 6 * a * t + 2 * b
             if step == STEPS:
                 break
             across = tangent if normals is None else _rotated(normals)
@@ -271,7 +276,8 @@ class RigidMesh(_Drawn):
         # files of triangles repeat their nodes
         extent = np.ptp(points, axis=0).max() or 1.0
         _, first, names = np.unique(np.round(points / extent, 10), axis=0, return_index=True, return_inverse=True)
-        points, facets = points[first], names.ravel()[facets]
+        points = points[first]
+        facets = names.ravel()[facets]
         facets = facets[np.linalg.norm(area_vectors(points[facets]), axis=1) > 1e-14 * extent**2]
         if not facets.size:
             raise SceneError(f"the mesh {self.mesh!r:.80} of a RigidMesh has no triangle with an area")
@@ -289,10 +295,10 @@ def _array(given: Any) -> np.ndarray:
 
 def _read(path: Path) -> tuple[np.ndarray, ...]:
     """Points, triangles and quadrilaterals of a file."""
-    with extra("mesh", f"the mesh file {path}"):
-        import meshio
+    from hhr_dolfinx.geometries.by_meshio import opened
+
     try:
-        mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio ends the program for unknown formats
+        mesh = opened(path)
+    except Exception as error:  # readers of meshio raise anything
         raise SceneError(f"the mesh file {path} of a RigidMesh cannot be read: {error}") from error
     return (mesh.points, *(block.data for block in mesh.cells if block.type in ("triangle", "quad")))

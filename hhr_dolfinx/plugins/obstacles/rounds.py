@@ -37,7 +37,8 @@ class Quadric:
         height = offsets @ axis
         outward = normalised(offsets - np.outer(height, axis))
         if self.kind == "cone":
-            sine, cosine = np.sin(np.deg2rad(sizes[-1])), np.cos(np.deg2rad(sizes[-1]))
+            sine = np.sin(np.deg2rad(sizes[-1]))
+            cosine = np.cos(np.deg2rad(sizes[-1]))
             # distance from the tip along the nearest line of the cone
             along = height * cosine + np.einsum("md,md->m", offsets, outward) * sine
             outward = np.where((along > 0)[:, None], outward * cosine - axis * sine, normalised(offsets))
@@ -53,12 +54,15 @@ class Quadric:
         offsets = points - sizes[:dim]
         pairs = ((normals, normals), (offsets, normals), (offsets, offsets))
         a, b, c = (np.einsum("md,md->m", *pair) for pair in pairs)
-        distance, straight = c, -b
+        straight = -b
+        at_place = np.real(c - b * b) <= TIP**2 * np.real(c)  # normals that pass through the place
         axis = _axis(sizes, dim) if self.kind != "sphere" else np.zeros(dim)
-        height, rise = offsets @ axis, normals @ axis
+        height = offsets @ axis
+        rise = normals @ axis
         share = 1 + np.tan(np.pi / 180 * sizes[-1]) ** 2 if self.kind == "cone" else 1.0
-        a, b, c = a - share * rise**2, b - share * height * rise, c - share * height**2
-        c = c if self.kind == "cone" else c - sizes[-1] ** 2
+        a = a - share * rise**2
+        b = b - share * height * rise
+        c = c - share * height**2 - (0.0 if self.kind == "cone" else sizes[-1] ** 2)
         inner = b * b - a * c
         root = np.sqrt(np.where(np.real(inner) >= 0, inner, np.nan))
         with np.errstate(all="ignore"):
@@ -66,8 +70,7 @@ class Quadric:
             if self.kind == "cone":
                 # the other half of the double cone is no obstacle
                 found = np.where(np.real(height + found * rise) >= 0, found, np.nan)
-                at_tip = np.real(distance - straight**2) <= TIP**2 * np.real(distance)
-                found = np.where(at_tip & (np.real(height) < 0), straight, found)
+                found = np.where(at_place & (np.real(height) < 0), straight, found)
         return found
 
 
