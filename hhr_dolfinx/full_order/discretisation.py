@@ -143,10 +143,12 @@ class Discretisation(DiscreteSpace):
         lifts = follow.lifted(lifts)
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
-        gaps = placed(opened, first, (pairs.size, shape[1])).toarray()
+        gaps = -(rows.matrix @ lifts).toarray()
         gaps[:, 0] += rows.gap
         for k, item in enumerate(scene.openings, start=1 + len(straight)):
             gaps[pairs == item.contact, k] += 1.0
+        if opened:
+            gaps += placed(opened, first, gaps.shape).toarray()
         rows, pairs, gaps, law = self._conditions(rows, pairs, gaps, lifts, free, follow, amplitudes)
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
@@ -201,9 +203,8 @@ class Discretisation(DiscreteSpace):
         follow: Followers,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw]:
-        """Rows, pairs, gaps less those that lifts close, and law of the conditions with unknowns."""
+        """Rows, pairs, gaps and law of the conditions with unknowns."""
         scene = self.scene
-        gaps = gaps - (rows.matrix @ lifts).toarray()
         acting = replace(rows, matrix=follow.acting(rows.matrix))
         kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
         rows = rows.take(kept)

@@ -371,6 +371,36 @@ def test_all_models_have_the_answers_of_fixed_obstacles(name, tmp_path):
                 assert answer.gradient.multipliers[:, place] == pytest.approx(slope, abs=1e-5 * np.abs(slope).max())
 
 
+def test_terms_of_gaps_stand_beside_all_others():
+    """Loads, lifts and openings, affine and by formulas: in the middle answers are those of a fixed one.
+
+    The foot rises by a formula, and a second obstacle is a plane.
+    """
+    box = {"push": (0.005, 0.015), "p": (0.0, 1.0)}
+    others = {
+        "loads": (hhr.Pressure(RIGHT, "1e-3 * p**2"), hhr.Pressure(RIGHT, hhr.Amplitude(slopes={"p": 1e-3}))),
+        "openings": (
+            hhr.Opening(0, hhr.Amplitude(slopes={"p": 1e-3})),
+            hhr.Opening(1, hhr.Amplitude(slopes={"p": -2e-3})),
+        ),
+    }
+    foot = (hhr.Displacement(BOTTOM, 0), hhr.Displacement(BOTTOM, 1, "2e-3 * p**2"), hhr.Displacement(LEFT, 0))
+    wall = hhr.Obstacle(RIGHT, (1, 0), 4.002)
+    made = [
+        replace(hertz((hhr.Circle(TOP, (0.0, place), 10.0), wall), box, **others), displacements=foot)
+        for place in ("10 - push", 9.99)
+    ]
+    training = hhr.train(made[0], hhr.Sobol(12), held_out=20)
+    full = training.full_order
+    with pytest.warns(SceneWarning, match="have no effect"):
+        fixed = hhr.FullOrderModel(made[1])
+    for point in ((0.01, 0.3), (0.01, 0.9)):
+        forces = fixed.solve(point).forces()
+        assert (forces > 0).sum() > 5
+        for model in (full, hhr.condense(full), training.build()):
+            assert model.solve(point).forces() == pytest.approx(forces, abs=1e-6 * forces.max())
+
+
 def test_gaps_are_exact_along_the_normals_of_the_middle():
     """x + g n is on the obstacle at every point, and derivatives are those of differences."""
     top = block.side(2, upper=True)
