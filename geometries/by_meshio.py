@@ -63,18 +63,23 @@ class Elements:
         return KINDS.get(self.type) or next((kind for start, kind in OTHERS.items() if self.type.startswith(start)), "")
 
 
-def read_by_meshio(path: Path) -> RawMesh:
-    """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
+def opened(path: Path) -> Any:
+    """The mesh of meshio in a file; raise FileContentError if meshio does not know its format."""
     with extra("mesh", f"the mesh file {path}"):
         import meshio
     said = StringIO()
     # meshio prints errors on the console and ends the program
     try:
         with redirect_stdout(said), redirect_stderr(said):
-            mesh = meshio.read(path)
+            return meshio.read(path)
     except SystemExit:
         reason = " ".join(said.getvalue().split()) or f"meshio does not read files that end in {path.suffix}"
         raise FileContentError(f"mesh file {path} cannot be read: {reason}") from None
+
+
+def read_by_meshio(path: Path) -> RawMesh:
+    """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
+    mesh = opened(path)
     elements = [
         Elements(block.type, np.asarray(block.data), _arrays(mesh.cell_data, k), _places(mesh.cell_sets, k))
         for k, block in enumerate(mesh.cells)

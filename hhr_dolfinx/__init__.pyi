@@ -82,6 +82,12 @@ from .plugins.mfront.law import MFront as MFront
 from .plugins.mortar.pairing import Mortar as Mortar
 from .plugins.nonmatching.double_pass import DoublePass as DoublePass
 from .plugins.nonmatching.node_to_surface import NodeToSurface as NodeToSurface
+from .plugins.obstacles.drawn import Profile as Profile
+from .plugins.obstacles.drawn import RigidMesh as RigidMesh
+from .plugins.obstacles.rounds import Circle as Circle
+from .plugins.obstacles.rounds import Cone as Cone
+from .plugins.obstacles.rounds import Cylinder as Cylinder
+from .plugins.obstacles.rounds import Sphere as Sphere
 from .plugins.one_call.record import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
 from .plugins.one_call.target import Budget as Budget

@@ -187,6 +187,8 @@ class Scene:
                     listed = isinstance(item, tuple | list) and len(item) > 0 and all(map(fits, item))
                     star = ". Put a star before it, *..., to list what it holds" if listed else ""
                     raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}{star}")
+        bound = (item.within(self.parameters) if hasattr(item, "within") else item for item in self.contacts)
+        object.__setattr__(self, "contacts", tuple(bound))
         if not self.bodies:
             raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
         for body in self.bodies:

@@ -131,16 +131,25 @@ class Discretisation(DiscreteSpace):
         free = free & ~follow.own
         terms = self.load_terms()
         straight, curved = parted(imposed)
-        given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved)
+        rows, pairs = self.contact_rows()
+        opened = self._gap_terms(rows, pairs)
+        given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved, *opened)
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
         forces = follow.forces(placed(terms, first_load(scene), shape))
-        lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)
+        first = shape[1] - sum(term.columns.shape[1] for term in opened)
+        lifts = placed(straight, 1, shape) + placed(curved, first - len(curved), shape)
         lifts = follow.lifted(lifts)
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
-        rows, pairs, gaps, law = self._conditions(lifts, free, follow, amplitudes, 1 + len(straight))
+        gaps = -(rows.matrix @ lifts).toarray()
+        gaps[:, 0] += rows.gap
+        for k, item in enumerate(scene.openings, start=1 + len(straight)):
+            gaps[pairs == item.contact, k] += 1.0
+        if opened:
+            gaps += placed(opened, first, gaps.shape).toarray()
+        rows, pairs, gaps, law = self._conditions(rows, pairs, gaps, lifts, free, follow, amplitudes)
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
@@ -169,16 +178,33 @@ class Discretisation(DiscreteSpace):
             followers=follow if scene.constraints else None,
         )
 
+    def _gap_terms(self, rows: ContactRows, pairs: np.ndarray) -> list[Term]:
+        """Terms of gaps that contacts add, the last ones of θ, with columns (N_lambda, k)."""
+        found = []
+        for item, own in [(item, pairs == place) for place, item in enumerate(self.scene.contacts)]:
+            if hasattr(item, "gap_terms"):
+                added = item.gap_terms([self.surface(tag) for tag in item.tags], rows.take(np.flatnonzero(own)))
+                whole = csc_matrix(diags(own.astype(float)))[:, own]
+                found += [replace(term, columns=csc_matrix(whole @ term.columns)) for term in added]
+        if found and self.scene.shapes:
+            raise NotOfferedError(
+                f"scene '{self.scene.name}' has shapes, and obstacles whose place or size depends on parameters: that "
+                "is not built in. Give the obstacles numbers"
+            )
+        return found
+
     def _conditions(
-        self, lifts: csc_matrix, free: np.ndarray, follow: Followers, amplitudes: Amplitudes, first_opening: int
+        self,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        gaps: np.ndarray,
+        lifts: csc_matrix,
+        free: np.ndarray,
+        follow: Followers,
+        amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw]:
-        """Rows, pairs, gaps and law of the conditions with unknowns; ``first_opening`` is that of openings in θ."""
+        """Rows, pairs, gaps and law of the conditions with unknowns."""
         scene = self.scene
-        rows, pairs = self.contact_rows()
-        gaps = -(rows.matrix @ lifts).toarray()
-        gaps[:, 0] += rows.gap
-        for k, item in enumerate(scene.openings, start=first_opening):
-            gaps[pairs == item.contact, k] += 1.0
         acting = replace(rows, matrix=follow.acting(rows.matrix))
         kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
         rows = rows.take(kept)

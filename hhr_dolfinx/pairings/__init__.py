@@ -27,7 +27,12 @@ __all__ = [
 
 
 class Pairing(Protocol):
-    """Interface of a contact pair in a scene."""
+    """Interface of a contact pair in a scene.
+
+    Two methods are optional, for gaps that depend on parameters: ``within(parameters)`` returns the pairing for a box,
+    whose rows have the gaps of the middle of the box; ``gap_terms(surfaces, rows)`` returns the changes from there for
+    its rows, each a :class:`~hhr_dolfinx.loads.Term` with columns (conditions, k) whose amplitude is not affine.
+    """
 
     @property
     def tags(self) -> tuple[Tag, ...]:

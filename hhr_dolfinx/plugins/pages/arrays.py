@@ -164,7 +164,9 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
         elif isinstance(item, Scalar):
             others.append({"kind": "formula", "steps": steps_of(item)})
         else:
-            raise NotOfferedError(f"a page knows no amplitude of kind {type(item).__name__}: it is one of your own")
+            raise NotOfferedError(
+                f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: give the model file"
+            )
     return {
         "constant": arrays.put("constant", amplitudes.constant),
         "slopes": arrays.put("slopes", amplitudes.slopes),
