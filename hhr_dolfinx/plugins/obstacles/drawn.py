@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.pairings.surface import Surface, area_vectors, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import closest_points
-from hhr_dolfinx.plugins.obstacles.rigid import Rigid
+from hhr_dolfinx.plugins.obstacles.rigid import Rigid, Size
 
 STEPS = 8
 """Newton steps on a curve: from a chord three to four reach round-off."""
@@ -175,7 +175,7 @@ def facets_of(points: np.ndarray, facets: np.ndarray, curve: np.ndarray | None =
 @dataclass(frozen=True)
 class _Drawn(Rigid):
     @property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _sizes(self) -> tuple[Size, ...]:
         return (*self._vector("place"), self.scale)  # type: ignore[attr-defined]
 
     @cached_property
@@ -206,8 +206,8 @@ class Profile(_Drawn):
     curve: Any = ()
     between: tuple[float, float] | None = None
     smooth: bool = True
-    place: tuple[Any, ...] = (0.0, 0.0)
-    scale: Any = 1.0
+    place: tuple[Size, ...] = (0.0, 0.0)
+    scale: Size = 1.0
 
     dimension: ClassVar[int] = 2
 
@@ -257,8 +257,8 @@ class RigidMesh(_Drawn):
     """
 
     mesh: Any = ()
-    place: tuple[Any, ...] = (0.0, 0.0, 0.0)
-    scale: Any = 1.0
+    place: tuple[Size, ...] = (0.0, 0.0, 0.0)
+    scale: Size = 1.0
 
     def _drawn(self) -> Facets:
         given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh)

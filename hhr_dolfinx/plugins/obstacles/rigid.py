@@ -34,6 +34,8 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
 from hhr_dolfinx.plain import Rebuilt
 
+Size = float | str
+"""A number, or a formula of the parameters."""
 TURN = 10.0
 """Degrees by which the normal at a node near the obstacle may turn over the box without a warning."""
 TRIED = 32
@@ -121,7 +123,7 @@ class Rigid:
         raise NotImplementedError
 
     @property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _sizes(self) -> tuple[Size, ...]:
         """Numbers or formulas of the place, (dim,), and the other sizes of the shape."""
         raise NotImplementedError
 
@@ -139,7 +141,7 @@ class Rigid:
     def _formulas(self) -> tuple[Formula, ...]:
         return tuple(formula_of(size, f"a size of {self!r}") for size in self._sizes)
 
-    def _vector(self, name: str) -> tuple[Any, ...]:
+    def _vector(self, name: str) -> tuple[Size, ...]:
         """A field that is a vector of numbers or formulas."""
         found = as_tuple(f"{name} of a {type(self).__name__}", getattr(self, name))
         if len(found) != self.dimension or (name == "axis" and all(part == 0 for part in found)):

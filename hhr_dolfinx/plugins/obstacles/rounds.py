@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.pairings.surface import normalised
-from hhr_dolfinx.plugins.obstacles.rigid import Rigid
+from hhr_dolfinx.plugins.obstacles.rigid import Rigid, Size
 
 TIP = 1e-7
 """Part of the distance to the tip of a cone within which a normal passes through it."""
@@ -107,11 +107,11 @@ class Sphere(_Round):
         friction, law: as of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`.
     """
 
-    center: tuple[Any, ...] = ()
-    radius: Any = 0.0
+    center: tuple[Size, ...] = ()
+    radius: Size = 0.0
 
     @property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _sizes(self) -> tuple[Size, ...]:
         return (*self._vector("center"), self.radius)
 
 
@@ -138,14 +138,14 @@ class Cylinder(_Round):
         friction, law: as of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`.
     """
 
-    point: tuple[Any, ...] = ()
-    axis: tuple[Any, ...] = ()
-    radius: Any = 0.0
+    point: tuple[Size, ...] = ()
+    axis: tuple[Size, ...] = ()
+    radius: Size = 0.0
 
     kind: ClassVar[str] = "cylinder"
 
     @property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _sizes(self) -> tuple[Size, ...]:
         return (*self._vector("point"), *self._vector("axis"), self.radius)
 
 
@@ -162,13 +162,13 @@ class Cone(_Round):
         friction, law: as of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`.
     """
 
-    tip: tuple[Any, ...] = ()
-    axis: tuple[Any, ...] = ()
-    angle: Any = 0.0
+    tip: tuple[Size, ...] = ()
+    axis: tuple[Size, ...] = ()
+    angle: Size = 0.0
 
     kind: ClassVar[str] = "cone"
     limits: ClassVar[tuple[float, float]] = (0.0, 90.0)
 
     @property
-    def _sizes(self) -> tuple[Any, ...]:
+    def _sizes(self) -> tuple[Size, ...]:
         return (*self._vector("tip"), *self._vector("axis"), self.angle)
