@@ -67,7 +67,8 @@ class Plugin:
     needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
     # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
-    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name
+    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name, or
+    # of each module its names, as in ``public``
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
     # classes that model files may hold: of each module their names, separated by blanks
     classes: Mapping[str, str] = field(default=NOTHING)
@@ -163,7 +164,7 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
     return {
         name: (place, plugin.name)
         for plugin in installed().values()
-        for name, place in plugin.parts.get(kind, {}).items()
+        for name, place in places_in(plugin.parts.get(kind, {}))
     }
 
 

@@ -126,6 +126,19 @@ class Surface:
         return largest
 
 
+@dataclass(frozen=True)
+class SlaveAndMaster:
+    """Base of pairings of a slave surface with a master surface, by their facet tags."""
+
+    slave: Tag
+    master: Tag
+
+    @property
+    def tags(self) -> tuple[Tag, ...]:
+        """Slave and master."""
+        return (self.slave, self.master)
+
+
 def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side, (n,).
 

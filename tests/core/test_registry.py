@@ -139,7 +139,7 @@ def test_what_a_plug_in_registers_is_there(name):
             found = registry.load(place)
             assert (found.name if what == "commands" else found.__name__) == key
             assert what != "public" or getattr(hhr, key) is found
-    parts = (place for named in plugin.parts.values() for place in named.values())
+    parts = (place for named in plugin.parts.values() for _, place in registry.places_in(named))
     assert all(
         callable(registry.load(place))
         for place in (*parts, *plugin.companions, *plugin.tools.values(), *plugin.readers.values())

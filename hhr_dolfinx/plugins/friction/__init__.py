@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 _HERE = "hhr_dolfinx.plugins.friction"
-_OUTPUTS = "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea StickArea Torque"
+_OUTPUTS = {f"{_HERE}.outputs": "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea StickArea Torque"}
 
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "friction"
@@ -26,8 +26,8 @@ def _calibrated(full: FullModel, recipe: Any) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    public={f"{_HERE}.pair_laws": "Coulomb Tresca", f"{_HERE}.outputs": _OUTPUTS},
-    parts={"outputs": {name: f"{_HERE}.outputs:{name}" for name in _OUTPUTS.split()}},
+    public={f"{_HERE}.pair_laws": "Coulomb Tresca", **_OUTPUTS},
+    parts={"outputs": _OUTPUTS},
     classes={
         f"{_HERE}.laws": "Friction FrictionLaw",
         f"{_HERE}.pair_laws": "Coulomb Tresca",

@@ -2,12 +2,12 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_PAIRING = "hhr_dolfinx.plugins.mortar.pairing"
+_PAIRING = {"hhr_dolfinx.plugins.mortar.pairing": "Mortar"}
 
 PLUGIN = Plugin(
     name="mortar",
     needs=("nonmatching",),
-    public={_PAIRING: "Mortar"},
-    parts={"pairings": {"Mortar": f"{_PAIRING}:Mortar"}},
-    classes={_PAIRING: "Mortar"},
+    public=_PAIRING,
+    parts={"pairings": _PAIRING},
+    classes=_PAIRING,
 )

@@ -21,6 +21,7 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
+    SlaveAndMaster,
     Surface,
     check_facing,
     looking,
@@ -30,7 +31,6 @@ from hhr_dolfinx.pairings.surface import (
     unit,
     warn_of_overlap,
 )
-from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.mortar.segments import Segments, common_parts
 from hhr_dolfinx.plugins.nonmatching.facing import FACING, opposed
 from hhr_dolfinx.plugins.nonmatching.messages import (
@@ -48,7 +48,7 @@ MULTIPLIERS = ("dual", "standard")
 
 
 @dataclass(frozen=True)
-class Mortar:
+class Mortar(SlaveAndMaster):
     """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j ds``.
 
     With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions psi_j are
@@ -66,8 +66,6 @@ class Mortar:
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
-    slave: Tag
-    master: Tag
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
     friction: Any = field(default=None, metadata=LAW)
@@ -78,11 +76,6 @@ class Mortar:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
         if not (self.friction is None and self.law is None) and self.multipliers != "dual":
             raise SceneError("a law such as friction is one of each contact for itself, which needs dual multipliers")
-
-    @property
-    def tags(self) -> tuple[Tag, ...]:
-        """Slave and master."""
-        return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""

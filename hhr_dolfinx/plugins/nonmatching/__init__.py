@@ -2,12 +2,9 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_ONE = "hhr_dolfinx.plugins.nonmatching.node_to_surface"
-_TWO = "hhr_dolfinx.plugins.nonmatching.double_pass"
+_PAIRINGS = {
+    "hhr_dolfinx.plugins.nonmatching.node_to_surface": "NodeToSurface",
+    "hhr_dolfinx.plugins.nonmatching.double_pass": "DoublePass",
+}
 
-PLUGIN = Plugin(
-    name="nonmatching",
-    public={_ONE: "NodeToSurface", _TWO: "DoublePass"},
-    parts={"pairings": {"NodeToSurface": f"{_ONE}:NodeToSurface", "DoublePass": f"{_TWO}:DoublePass"}},
-    classes={_ONE: "NodeToSurface", _TWO: "DoublePass"},
-)
+PLUGIN = Plugin(name="nonmatching", public=_PAIRINGS, parts={"pairings": _PAIRINGS}, classes=_PAIRINGS)

@@ -13,6 +13,7 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
+    SlaveAndMaster,
     Surface,
     check_facing,
     looking,
@@ -23,7 +24,6 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
 )
-from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.nonmatching.facing import BEYOND, FACING, opposed
 from hhr_dolfinx.plugins.nonmatching.messages import (
     beyond_overlap,
@@ -52,7 +52,7 @@ class _Partners(NamedTuple):
 
 
 @dataclass(frozen=True)
-class NodeToSurface:
+class NodeToSurface(SlaveAndMaster):
     """Nodes of the slave surface may not pass through the master surface, thesis (5.1)-(5.3).
 
     A slave node x faces the point x' of the master, with shape functions w there. The condition is
@@ -67,16 +67,9 @@ class NodeToSurface:
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
-    slave: Tag
-    master: Tag
     normal: tuple[float, ...] | None = None
     friction: Any = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
-
-    @property
-    def tags(self) -> tuple[Tag, ...]:
-        """Slave and master."""
-        return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node that faces the master surface."""

@@ -24,8 +24,7 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.pairings.surface import Surface, area_vectors
-from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
@@ -47,16 +46,8 @@ APART = 10.0
 
 
 @dataclass(frozen=True)
-class SurfaceDofs:
+class SurfaceDofs(SlaveAndMaster):
     """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions."""
-
-    slave: Tag
-    master: Tag
-
-    @property
-    def tags(self) -> tuple[Tag, ...]:
-        """Slave and master."""
-        return (self.slave, self.master)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each component of the displacement of each node, in the order of the nodes."""

@@ -2,11 +2,11 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_OUTPUTS = "hhr_dolfinx.plugins.stress.outputs"
+_OUTPUTS = {"hhr_dolfinx.plugins.stress.outputs": "ElasticEnergy VonMises"}
 
 PLUGIN = Plugin(
     name="stress",
-    public={_OUTPUTS: "ElasticEnergy VonMises"},
-    parts={"outputs": {name: f"{_OUTPUTS}:{name}" for name in ("ElasticEnergy", "VonMises")}},
+    public=_OUTPUTS,
+    parts={"outputs": _OUTPUTS},
     classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises"},
 )

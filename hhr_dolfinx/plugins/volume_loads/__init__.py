@@ -2,11 +2,6 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_LOADS = "hhr_dolfinx.plugins.volume_loads.loads"
-_NAMES = "BodyForce Centrifugal Eigenstrain ThermalExpansion"
+_LOADS = {"hhr_dolfinx.plugins.volume_loads.loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion"}
 
-PLUGIN = Plugin(
-    name="volume_loads",
-    public={_LOADS: _NAMES},
-    parts={"loads": {name: f"{_LOADS}:{name}" for name in _NAMES.split()}},
-)
+PLUGIN = Plugin(name="volume_loads", public=_LOADS, parts={"loads": _LOADS})
