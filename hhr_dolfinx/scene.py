@@ -236,8 +236,8 @@ class Scene:
         for place, (pair, own) in enumerate(zip(self.contacts, self.laws, strict=True)):
             law = "" if own is None else f", {own.words}"
             lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}")
-        for what, items in (("displacements", self.displacements), ("loads", self.loads), ("shapes", self.shapes)):
-            if items:
+        for what in ("displacements", "constraints", "loads", "shapes"):
+            if items := getattr(self, what):
                 lines.append(f"  {what}: {', '.join(_named_in_short(item) for item in items)}")
         for name, low, high in zip(self.parameters.names, self.parameters.lower, self.parameters.upper, strict=True):
             unit = self.parameter_units.get(name, "")

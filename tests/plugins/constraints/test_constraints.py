@@ -162,6 +162,7 @@ def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, **ways)
 def test_a_constant_stress_passes_a_tie_exactly(dim):
     """The patch test of mortar methods, with nodes of both surfaces on imposed planes."""
     full = hhr.FullOrderModel(tied(dim))
+    assert "constraints: Tie" in str(full.scene)
     stress = full.solve(0.8).stress()[:, dim - 1]
     assert stress == pytest.approx(np.full(stress.size, -0.8), rel=1e-9)
 
