@@ -124,6 +124,7 @@ def main() -> None:
         "times as fast": seconds / quick,
     }
     drawn(model, family, options.out / "power.png")
+    assert all(np.isfinite(value) for value in rows.values() if not isinstance(value, str))
     cli.report_of_histories(made.name, "power", rows, condensing, options)
 
 

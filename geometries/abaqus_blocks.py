@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +24,8 @@ _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilater
 """Kinds of cells by dimension and number of nodes."""
 
 
+LOADED = ("BOUNDARY", "CLOAD", "DLOAD")
+"""Supports and loads that may give nodes or elements by numbers."""
 STRIDE = 10**10
 """Numbers of nodes and elements of instance k = 1, 2, ... are those of its part plus k times this."""
 
@@ -222,19 +224,16 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
     return found
 
 
-def name_loaded(deck: Deck, block: str, rows: list[list[str]], firsts: list[str]) -> None:
-    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have the same ones.
-
-    ``firsts`` are the first words of the rows, numbers of the flat deck.
-    """
-    for first, row in zip(firsts, rows, strict=True):
-        if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[1] if len(row) > 1 else ""):
+def name_loaded(deck: Deck, block: str, rows: list[list[str]]) -> None:
+    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have the same ones."""
+    for first, *row in rows:
+        if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[0] if row else ""):
             name = deck.named("surface", name_of_loaded(block, row))
-            deck.faces.setdefault(name, []).append((first, f"S{row[1][1]}"))
-        elif block.startswith(("BOUNDARY:", "CLOAD:")) and first.isdigit():
+            deck.faces.setdefault(name, []).append((first, f"S{row[0][1]}"))
+        elif not block.startswith("DLOAD:") and first.isdigit():
             deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(int(first))
 
 
-def name_of_loaded(block: str, row: list[str]) -> str:
-    """Name of the nodes or faces of a row: of those in the same block, ``CLOAD:45``, under the same load."""
-    return " ".join([block, *(word for word in row[1:] if word)])
+def name_of_loaded(block: str, load: Sequence[str]) -> str:
+    """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the number."""
+    return " ".join([block, *filter(None, load)])

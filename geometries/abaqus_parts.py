@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck, name_loaded, number_of, take
+from hhr_dolfinx.geometries.abaqus_blocks import LOADED, STRIDE, Deck, name_loaded, number_of, take
 
 _KINDS = {"nset": "node_sets", "elset": "element_sets", "surface": "faces"}
 """Fields of a deck by the kind of the names in it; unions are surfaces too."""
@@ -46,8 +46,10 @@ class Assembly:
         elif keyword == "INSTANCE":
             self._open(options, rows)
         else:
-            take(self._own, keyword, options, self._with_numbers(keyword, options, rows))
-            name_loaded(self._own, f"{keyword}:{line}", rows, self._numbered(rows))
+            numbered = self._with_numbers(keyword, options, rows)
+            take(self._own, keyword, options, numbered)
+            if keyword in LOADED:
+                name_loaded(self._own, f"{keyword}:{line}", numbered)
 
     def flat(self) -> Deck:
         """All instances as one deck; parts are taken as they are if nothing places them."""
@@ -85,24 +87,22 @@ class Assembly:
         self._own = self.deck
         self._instance = ""
 
-    def _numbered(self, rows: list[list[str]]) -> list[str]:
-        """First word of each row, with the number of the flat deck for ``Instance.7``."""
-        known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
-        split = ((row[0], *row[0].rpartition(".")) for row in rows)
-        return [
-            str(known[name.upper()] + int(number)) if name.upper() in known and number.isdigit() else word
-            for word, name, _, number in split
-        ]
-
     def _with_numbers(self, keyword: str, options: dict[str, str], rows: list[list[str]]) -> list[list[str]]:
-        """Rows of a set or surface of the assembly, with the numbers of the flat deck for ``Instance.7``.
+        """Rows of a set, surface or load of the assembly, with the numbers of the flat deck for ``Instance.7``.
 
         Sets with the option INSTANCE name members by their names and numbers in that instance.
         """
-        if self._own is not self.deck or keyword not in ("NSET", "ELSET", "SURFACE") or not self.deck.instances:
+        if (
+            self._own is not self.deck
+            or keyword not in ("NSET", "ELSET", "SURFACE", *LOADED)
+            or not self.deck.instances
+        ):
             return rows
         inside = f"{options['INSTANCE']}." if "INSTANCE" in options else ""
         known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
+        if keyword in LOADED:  # a mesh is not refused for the name of a load
+            inner = [row[0].rpartition(".")[0].upper() in known for row in rows]
+            return [[_flat("", row[0], known), *row[1:]] if own else row for row, own in zip(rows, inner, strict=True)]
         # the step of a range and the face of an element are no members
         members = 2 if "GENERATE" in options else 1 if keyword == "SURFACE" and "COMBINE" not in options else None
         return [[*(_flat(inside, word, known) for word in row[:members]), *([] if members is None else row[members:])]

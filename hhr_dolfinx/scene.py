@@ -131,11 +131,11 @@ class Scene:
         units: units of lengths and stresses, for labels and materials by name; None if they are not given.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
-        constraints: equations between displacements, each a :class:`~hhr_dolfinx.full_order.constraints.Constraint`,
-            such as ties, which a plug-in adds.
         system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
             bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
         parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
+        constraints: equations between displacements, each a :class:`~hhr_dolfinx.full_order.constraints.Constraint`,
+            such as ties, which a plug-in adds.
     """
 
     name: str
@@ -152,8 +152,8 @@ class Scene:
     units: Units | None = None
     order: int | None = None
     system: Callable[..., Any] | None = None
-    constraints: tuple[Any, ...] = ()
     parameter_units: Mapping[str, str] = field(default_factory=dict)
+    constraints: tuple[Any, ...] = ()
 
     def __post_init__(self):
         if self.order is not None and not (is_whole(self.order, 1) and self.order <= 2):

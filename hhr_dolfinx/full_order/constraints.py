@@ -6,24 +6,31 @@ the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F. 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, vstack
 from scipy.sparse.linalg import SuperLU, splu
 
-from hhr_dolfinx.amplitudes import Amplitude, bound
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.loads import Assembler, Term
+from hhr_dolfinx.formulas import box_samples
+from hhr_dolfinx.loads import Assembler, Term, parted, placed
 from hhr_dolfinx.scene import Scene
 
 SINGULAR = 1e-10
 """Pivot of the equations over their largest coefficient below which they are dependent."""
 ROUND_OFF = 1e-14
 """Part of the largest coefficient of a follower up to which a coefficient is round-off."""
+BROKEN = 1e-9
+"""Part of its imposed displacements by which an equation of imposed dofs alone may be off: values are formulas."""
+TRIED = 16
+"""Random points of the box, in addition to its corners, at which such equations are checked."""
+AT_ONCE = 256
+"""Columns of the equations that are solved for, and stored dense, at once."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,10 @@ class Equations:
     dependent: np.ndarray
     values: np.ndarray
 
+    def take(self, kept: np.ndarray) -> Equations:
+        """Some of the equations, by a mask, (k,)."""
+        return Equations(self.rows[kept], self.dependent[kept], self.values[kept])
+
 
 class Constraint(Protocol):
     """Interface of a constraint, an item of ``Scene.constraints``."""
@@ -51,47 +62,82 @@ class Constraint(Protocol):
 
 
 def followers_of(
-    scene: Scene, assembler: Callable[[object], Assembler], cell_nodes: np.ndarray, free: np.ndarray
+    scene: Scene,
+    assembler: Callable[[object], Assembler],
+    cell_nodes: np.ndarray,
+    free: np.ndarray,
+    imposed: Sequence[Term],
 ) -> tuple[Followers, list[Term]]:
-    """Followers of the constraints of a scene, and lifts of their right-hand sides; ``free`` dofs are not imposed.
+    """Followers of the constraints of a scene, and lifts of their right-hand sides.
+
+    ``free`` dofs are not imposed, (N,) bool, and ``imposed`` are the lifts of those that are.
 
     Raises:
-        SceneError: for equations that determine the same dof twice, or depend on each other.
+        SceneError: for equations that determine the same dof twice, depend on each other, or are broken by
+            displacements that are imposed.
     """
-    found = [_without_imposed(item.equations(assembler(item)), free) for item in scene.constraints]
-    rows = csr_matrix(vstack([part.rows for part in found]))
-    dependent = np.concatenate([part.dependent for part in found])
-    _check_once(scene, found, dependent)
-    scale = np.asarray(abs(rows).max(axis=1).toarray()).ravel()
-    rows = csc_matrix(diags(1 / np.where(scale > 0, scale, 1.0)) @ rows)
+    found = []
+    for item in scene.constraints:
+        given = item.equations(assembler(item))
+        part, left_out = _without_imposed(given, free)
+        _check_kept(scene, item, given, left_out, imposed)
+        found.append((bound(item.amplitude, scene.parameters), part))
+    rows = csr_matrix(vstack([part.rows for _, part in found]))
+    dependent = np.concatenate([part.dependent for _, part in found])
+    _check_once(scene, [part for _, part in found], dependent)
     factors = _factored(scene, csc_matrix(rows[:, dependent]))
     own = np.zeros(free.size, dtype=bool)
     own[dependent] = True
-    others = csc_matrix(rows @ diags((~own).astype(float)))
-    used = np.flatnonzero(np.diff(others.indptr))
-    solved = -factors.solve(others[:, used].toarray())
-    solved[np.abs(solved) <= ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
-    entries = csr_matrix(solved).tocoo()
-    others = csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(free.size,) * 2)
-    whole = csr_matrix(others + diags((~own).astype(float)))
-    dim = free.size // len(np.unique(cell_nodes))
+    follows = _solved(factors, csc_matrix(rows @ diags((~own).astype(float))), dependent)
     terms = []
-    first = 0
-    for item, part in zip(scene.constraints, found, strict=True):
-        amplitude = bound(item.amplitude, scene.parameters)
-        given = np.zeros(dependent.size)
-        place = slice(first, first + part.dependent.size)
-        given[place] = part.values / scale[place]
+    ends = np.cumsum([0, *(part.dependent.size for _, part in found)])
+    for (amplitude, part), first in zip(found, ends, strict=False):
         if amplitude != Amplitude():
-            column = factors.solve(given), (dependent, np.zeros_like(dependent))
+            given_there = np.zeros(dependent.size)
+            given_there[first : first + part.values.size] = part.values
+            column = factors.solve(given_there), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
-        first = place.stop
-    return Followers(own, whole, _groups(cell_nodes, others, own, dim)), terms
+    whole = csr_matrix(follows + diags((~own).astype(float)))
+    return Followers(own, whole, _groups(cell_nodes, follows, own)), terms
 
 
-def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
-    """Equations of free dofs: those of imposed ones alone are left out, others determine a free dof."""
-    rows = csr_matrix(part.rows)
+def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:
+    """Coefficients by which followers follow the ``others``, columns of the equations, (k, N): (N, N)."""
+    used = np.flatnonzero(np.diff(others.indptr))
+    parts = [csc_matrix((dependent.size, 0))]
+    for first in range(0, used.size, AT_ONCE):
+        solved = -factors.solve(others[:, used[first : first + AT_ONCE]].toarray())
+        solved[np.abs(solved) <= ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
+        parts.append(csc_matrix(solved))
+    entries = csc_matrix(hstack(parts)).tocoo()
+    size = others.shape[1]
+    return csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(size, size))
+
+
+def _check_kept(scene: Scene, item: Constraint, given: Equations, kept: np.ndarray, imposed: Sequence[Term]) -> None:
+    """Raise SceneError if equations of a constraint, of imposed dofs alone, are broken by their displacements."""
+    own = given.take(kept)
+    values = Term(bound(item.amplitude, scene.parameters), csc_matrix(-own.values[:, None]))
+    straight, curved = parted([values, *(Term(one.amplitude, csc_matrix(own.rows @ one.columns)) for one in imposed)])
+    terms = [*straight, *curved]
+    amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
+    sides = placed(terms, 1, (own.values.size, 1 + len(terms)))
+    # relative to all of the constraint: a normal has components of round-off
+    size = max(np.abs(given.values).max(initial=0.0), abs(sides).max() if sides.nnz else 0.0)
+    for point in box_samples(scene.parameters, TRIED) if own.values.size else ():
+        theta = amplitudes(point)
+        if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():
+            raise SceneError(
+                f"{item!r} of scene '{scene.name}' has equations of imposed displacements alone, which break them, as "
+                f"at {scene.parameters.described(point)}: leave out the equations or the displacements there"
+            )
+
+
+def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.ndarray]:
+    """Equations that determine a free dof, with largest coefficients of 1, and a mask of the others."""
+    scale = np.asarray(abs(part.rows).max(axis=1).toarray()).ravel()
+    scale = 1 / np.where(scale > 0, scale, 1.0)
+    rows = csr_matrix(diags(scale) @ part.rows)
     dependent = part.dependent.copy()
     kept = np.ones(dependent.size, dtype=bool)
     for row in np.flatnonzero(~free[dependent]):
@@ -99,10 +145,11 @@ def _without_imposed(part: Equations, free: np.ndarray) -> Equations:
         columns = rows.indices[span]
         sizes = np.abs(rows.data[span])
         sizes[~free[columns] | (sizes <= ROUND_OFF * sizes.max())] = 0.0
-        sizes[np.isin(columns, dependent)] = 0.0
+        others = np.where(np.isin(columns, dependent), 0.0, sizes)
         kept[row] = sizes.max() > 0
-        dependent[row] = columns[sizes.argmax()] if kept[row] else -1
-    return Equations(rows[kept], dependent[kept], part.values[kept])
+        # a dof that another equation determines too is refused
+        dependent[row] = columns[(others if others.any() else sizes).argmax()] if kept[row] else -1
+    return Equations(rows, dependent, scale * part.values).take(kept), ~kept
 
 
 def _check_once(scene: Scene, found: list[Equations], dependent: np.ndarray) -> None:
@@ -128,9 +175,10 @@ def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
     raise SceneError(f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply")
 
 
-def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray, dim: int) -> csr_matrix:
+def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray) -> csr_matrix:
     """Nodes of each cell with followers, and the nodes that these follow, (groups, nodes)."""
-    count = own.size // dim
+    count = int(cell_nodes.max()) + 1
+    dim = own.size // count
     following = np.zeros(count, dtype=bool)
     following[np.flatnonzero(own) // dim] = True
     touched = cell_nodes[following[cell_nodes].any(axis=1)]

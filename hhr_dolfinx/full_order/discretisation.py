@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix, identity
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import registry
@@ -64,15 +64,15 @@ class Discretisation(DiscreteSpace):
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
-        springs = self.springs()
-        if not any(body.varies or body.grading is not None for body in self.scene.bodies):
-            stiffness = self.own_rows(self.assemble_stiffness())
-            return ((stiffness if springs is None else csr_matrix(stiffness + diags(springs))),), ()
+        uneven = any(body.varies or body.grading is not None for body in self.scene.bodies)
+        if not uneven and self.springs is None:
+            return (self.own_rows(self.assemble_stiffness()),), ()
         from hhr_dolfinx.full_order.varying import stiffness_terms, with_springs
 
-        found = stiffness_terms(self)
-        return found if springs is None else with_springs(self.scene.parameters.names, springs, *found)
+        found = stiffness_terms(self) if uneven else ((self.own_rows(self.assemble_stiffness()),), ())
+        return found if self.springs is None else with_springs(self.scene.parameters.names, self.springs, *found)
 
+    @cached_property
     def springs(self) -> np.ndarray | None:
         """Stiffness to ground of each dof, (N,), by loads that resist; None without.
 
@@ -126,13 +126,12 @@ class Discretisation(DiscreteSpace):
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
         imposed, free = self._displacements()
-        follow, following = self._constrained(free)
+        follow, following = self._constrained(free, imposed)
         imposed += following
         free = free & ~follow.own
         terms = self.load_terms()
         straight, curved = parted(imposed)
-        rows, pairs = self.contact_rows()
-        opened = self._gap_terms(rows, pairs)
+        rows, pairs, opened = self._contacts()
         given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved, *opened)
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
@@ -178,21 +177,6 @@ class Discretisation(DiscreteSpace):
             followers=follow if scene.constraints else None,
         )
 
-    def _gap_terms(self, rows: ContactRows, pairs: np.ndarray) -> list[Term]:
-        """Terms of gaps that contacts add, the last ones of θ, with columns (N_lambda, k)."""
-        found = []
-        for item, own in [(item, pairs == place) for place, item in enumerate(self.scene.contacts)]:
-            if hasattr(item, "gap_terms"):
-                added = item.gap_terms([self.surface(tag) for tag in item.tags], rows.take(np.flatnonzero(own)))
-                whole = csc_matrix(diags(own.astype(float)))[:, own]
-                found += [replace(term, columns=csc_matrix(whole @ term.columns)) for term in added]
-        if found and self.scene.shapes:
-            raise NotOfferedError(
-                f"scene '{self.scene.name}' has shapes, and obstacles whose place or size depends on parameters: that "
-                "is not built in. Give the obstacles numbers"
-            )
-        return found
-
     def _conditions(
         self,
         rows: ContactRows,
@@ -216,7 +200,7 @@ class Discretisation(DiscreteSpace):
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         return rows, pairs, gaps, law
 
-    def _constrained(self, free: np.ndarray) -> tuple[Followers, list[Term]]:
+    def _constrained(self, free: np.ndarray, imposed: list[Term]) -> tuple[Followers, list[Term]]:
         """Followers of the constraints, and lifts of their values; NotOfferedError on several ranks."""
         if not self.scene.constraints:
             return Followers.nobody(self.size), []
@@ -224,7 +208,7 @@ class Discretisation(DiscreteSpace):
             raise self._serial("constraints")
         from hhr_dolfinx.full_order.constraints import followers_of
 
-        return followers_of(self.scene, self.assembler, self._cell_nodes(), free)
+        return followers_of(self.scene, self.assembler, self._cell_nodes(), free, imposed)
 
     def _serial(self, what: str) -> NotOfferedError:
         return NotOfferedError(f"{what}, of scene '{self.scene.name}', are not built in for several processes")
@@ -262,8 +246,7 @@ class Discretisation(DiscreteSpace):
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
-        springs = self.springs()
-        loose = problem.movable if springs is None else problem.movable & (springs == 0)
+        loose = problem.movable if self.springs is None else problem.movable & (self.springs == 0)
         if problem.followers is not None:
             check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~loose)
             return self._warned(problem)
@@ -353,8 +336,13 @@ class Discretisation(DiscreteSpace):
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the current mesh, and the pair of each."""
+        return self._contacts()[:2]
+
+    def _contacts(self) -> tuple[ContactRows, np.ndarray, list[Term]]:
+        """The same, and terms that pairings add to gaps, the last ones of θ, with columns (N_lambda, k)."""
         parts = []
-        for item in self.scene.contacts:
+        opened: list[tuple[int, Term]] = []
+        for place, item in enumerate(self.scene.contacts):
             surfaces = [self.surface(tag) for tag in item.tags]
             if (quadratic := surfaces[0].quadratic) is not None:
                 quadratic.warn_of_straight_sides(surfaces)
@@ -366,7 +354,17 @@ class Discretisation(DiscreteSpace):
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
             parts.append(part)
-        return joined(parts), np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
+            if hasattr(item, "gap_terms"):
+                opened += [(place, term) for term in item.gap_terms(surfaces, part)]
+        if opened and self.scene.shapes:
+            raise NotOfferedError(
+                f"scene '{self.scene.name}' has shapes, and obstacles whose place or size depends on parameters: that "
+                "is not built in. Give the obstacles numbers"
+            )
+        pairs = np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
+        every = csc_matrix(identity(pairs.size))
+        terms = [replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened]
+        return joined(parts), pairs, terms
 
 
 def _without_columns(matrix, columns):

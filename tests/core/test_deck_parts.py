@@ -34,6 +34,19 @@ def test_a_part_that_is_placed_twice(tmp_path):
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
 
 
+def test_loads_by_numbers_of_an_instance_have_names(tmp_path):
+    """Nodes and faces of the flat deck; a load of something else, which no scene names, refuses nothing."""
+    loads = "*BOUNDARY\nUp-1.3, 1, 3\nLow-1.Bottom, 2\nweld.7, 1\n*CLOAD\nUp-1.8, 3, 2.\n*DLOAD\nUp-1.1, P2, 5.\n"
+    text = f"{CUBE}{PLACED}*END ASSEMBLY\n*STEP\n{loads}*END STEP\n"
+    raw = hhr.MeshFile(written(tmp_path / "a.inp", text)).read()
+    line = {row: 1 + number for number, row in enumerate(text.splitlines()) if row.startswith("*")}
+    turned = np.array([CORNERS[2], CORNERS[7]]) * (1, -1, -1) + (0, 1, 2.01)
+    for name, place in zip((f"BOUNDARY:{line['*BOUNDARY']} 1 3", f"CLOAD:{line['*CLOAD']} 3 2."), turned, strict=True):
+        assert raw.points[raw.nodes[name]] == pytest.approx(place[None])
+    face = raw.points[raw.surfaces[f"DLOAD:{line['*DLOAD']} P2 5."]]
+    assert face.shape == (1, 4, 3) and face[0, :, 2] == pytest.approx([1.01] * 4)
+
+
 SURFACES = {
     "sets of an instance": (
         "*ELSET, ELSET=_S1, INTERNAL, INSTANCE=up-1\n1,\n*SURFACE, NAME=Under\n_S1, S2\n"

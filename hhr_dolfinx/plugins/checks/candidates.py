@@ -24,7 +24,7 @@ def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
         return []
     outer, of = outer_faces_of_cells(raw.kind, raw.cells)
     corners = raw.points[outer]
-    normals = _outward(corners, raw.points[raw.cells[of]].mean(axis=1))
+    normals = outward(corners, raw.points[raw.cells[of]].mean(axis=1))
     row_of = {tuple(own): row for row, own in enumerate(np.sort(outer, axis=1).tolist())}
     names: dict[tuple[int, ...], str | int] = {}
     for name, facets in raw.all_surfaces().items():
@@ -46,7 +46,7 @@ def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
     return sorted(pairs, key=lambda item: item[1])
 
 
-def _outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Unit normals, (f, dim), of facets with corners (f, k, dim) that point away from a point of their cells."""
     edges = corners[:, 1:3] - corners[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1]) if edges.shape[1] == 2 else edges[:, 0, ::-1] * (1.0, -1.0)

@@ -206,7 +206,7 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    springs = found.meshed.springs()
+    springs = found.meshed.springs
     loose = problem.movable if springs is None else problem.movable & (springs == 0)
     if problem.followers is not None:  # a body may be held by another one
         where = problem.points, problem.cell_nodes, problem.followers, ~loose

@@ -11,6 +11,7 @@ _PLACES = {
 
 PLUGIN = Plugin(
     name="constraints",
+    needs=("mortar",),
     public=_PLACES,
-    parts={"loads": {"BoltForce": "hhr_dolfinx.plugins.constraints.preload:BoltForce"}},
+    parts={"loads": {"hhr_dolfinx.plugins.constraints.preload": "BoltForce"}},
 )

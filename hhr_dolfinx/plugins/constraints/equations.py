@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.constraints import Equations
+from hhr_dolfinx.full_order.free_bodies import rigid_motions
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
 
+ALIKE = 1e-6
+"""Distance of nodes over the size of the mesh up to which they coincide: files have about 7 digits."""
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Coefficients, rows and columns of a sparse matrix."""
 
@@ -35,6 +41,12 @@ def nodes_at(assembler: Assembler, place: Tag | Place, what: object) -> tuple[np
     if not nodes.size:
         raise SceneError(f"{what!r} has no node: name a set or a surface of the mesh")
     return nodes, assembler.points()[nodes]
+
+
+def _in_order(points: np.ndarray) -> np.ndarray:
+    """Order of points, (n, dim), by their coordinates, of which the first one counts most."""
+    size = np.ptp(points, axis=0).max() or 1.0
+    return np.lexsort(np.round(points.T[::-1] / (ALIKE * size)))
 
 
 @dataclass(frozen=True)
@@ -73,7 +85,7 @@ class Equation:
             if component >= dim:
                 raise SceneError(f"component {component} of {self!r} does not exist in {dim} dimensions")
             nodes, points = nodes_at(assembler, place, self)
-            found.append(nodes[np.lexsort(np.round(points.T[::-1], 9))])
+            found.append(nodes[_in_order(points)])
         count = max(nodes.size for nodes in found)
         if any(nodes.size not in (1, count) for nodes in found) or found[0].size != count:
             raise SceneError(
@@ -90,7 +102,7 @@ class Equation:
 class MeanMotion:
     """The mean displacement of some nodes along a component is the amplitude: a distributing coupling.
 
-    A force on its reference point is a :class:`~hhr_dolfinx.plugins.places.places.NodalForce` on the nodes.
+    A force on its reference point is a traction of the surface with that resultant.
 
     Attributes:
         place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
@@ -115,12 +127,11 @@ class MeanMotion:
             raise SceneError(f"component {self.component} of {self!r} does not exist in {dim} dimensions")
         nodes, _ = nodes_at(assembler, self.place, self)
         weights = np.full(nodes.size, 1.0 / nodes.size)
-        try:
-            surface = assembler.surface(self.place)  # type: ignore[arg-type]
-            weights = np.zeros(nodes.size)
-            weights[np.searchsorted(nodes, surface.nodes)] = surface.areas / surface.areas.sum()
-        except (SceneError, TypeError, KeyError):  # a set of nodes
-            pass
+        if isinstance(self.place, int | str):
+            with suppress(SceneError):  # a set of nodes without facets
+                surface = assembler.surface(self.place)
+                weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
+                weights = weights / weights.sum()
         dofs = dim * nodes + self.component
         entries = weights, np.zeros(nodes.size, dtype=int), dofs
         return equations_of([entries], dofs[[weights.argmax()]], assembler.size, np.ones(1))
@@ -142,10 +153,6 @@ class RigidMotion:
 
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for too few nodes."""
-        from scipy.linalg import qr
-
-        from hhr_dolfinx.full_order.free_bodies import rigid_motions
-
         nodes, points = nodes_at(assembler, self.place, self)
         dim = points.shape[1]
         if len(points) < 2 or assembler.hypothesis == "axisymmetric":
@@ -168,7 +175,7 @@ class RigidMotion:
 class Periodic:
     """Nodes of one surface move as those of another one, turned by an angle about an axis: cyclic symmetry.
 
-    Each node of ``follower``, turned back, must be a node of ``leader``; nodes of both, on the axis, keep to it.
+    Each node of ``follower``, turned back, must be a node of ``leader``; a node of both, on the axis, stays on it.
 
     Attributes:
         follower, leader: surfaces or sets.
@@ -201,8 +208,6 @@ class Periodic:
 
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not match."""
-        from scipy.spatial import cKDTree
-
         (dim,) = assembler.test.ufl_shape
         own, places = nodes_at(assembler, self.follower, self)
         others, sources = nodes_at(assembler, self.leader, self)
@@ -210,18 +215,17 @@ class Periodic:
         turned = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
         far, which = cKDTree(turned).query(places)
         size = np.ptp(assembler.points(), axis=0).max()
-        if far.max() > 1e-6 * size:
+        if far.max() > ALIKE * size:
             bad = int(far.argmax())
             raise SceneError(
                 f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those of the leader, turned "
                 "and shifted: mesh both surfaces alike, or tie them"
             )
-        kept = own != others[which]  # on the axis
-        own = own[kept]
-        which = which[kept]
         count = own.size * dim
         dofs = (dim * own[:, None] + np.arange(dim)).ravel()
         entries: list[Any] = [(np.ones(count), np.arange(count), dofs)]
         for k in range(dim):
             entries.append((-np.tile(turn[:, k], own.size), np.arange(count), np.repeat(dim * others[which] + k, dim)))
-        return equations_of(entries, dofs, assembler.size)
+        # of a node on the axis u = R u says nothing along the axis, nor of a shift
+        says = (own != others[which])[:, None] | (np.abs(turn - np.eye(dim)).max(axis=1) > ALIKE)
+        return equations_of(entries, dofs, assembler.size).take(says.ravel())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
@@ -16,7 +16,6 @@ from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import check_tag
 from hhr_dolfinx.plugins.constraints.cut import OTHER
-from hhr_dolfinx.plugins.constraints.equations import equations_of
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,18 @@ class _Section:
         first = int(np.linalg.norm(below.points - below.points.mean(axis=0), axis=1).argmin())
         return cls(below.nodes, above.nodes[which], mean_normal(below), first)
 
+    def dofs(self, nodes: np.ndarray) -> np.ndarray:
+        """Dofs of nodes, (n,), one after another: (n dim,)."""
+        dim = self.normal.size
+        return (dim * nodes[:, None] + np.arange(dim)).ravel()
+
+    def openings(self, size: int) -> csr_matrix:
+        """Rows, (n dim, N), of the displacement of the upper side less that of the lower one."""
+        dofs = np.concatenate([self.dofs(self.above), self.dofs(self.below)])
+        rows = np.arange(dofs.size // 2)
+        ones = np.ones(rows.size)
+        return csr_matrix((np.append(ones, -ones), (np.append(rows, rows), dofs)), shape=(rows.size, size))
+
 
 @dataclass(frozen=True)
 class Preload:
@@ -58,12 +69,8 @@ class Preload:
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`."""
         section = _Section.of(assembler, self.section)
-        dim = section.normal.size
-        above, below = ((dim * nodes[:, None] + np.arange(dim)).ravel() for nodes in (section.above, section.below))
-        ones = np.ones(above.size)
-        rows = np.arange(above.size)
-        entries = [(ones, rows, above), (-ones, rows, below)]
-        return equations_of(entries, above, assembler.size, -np.tile(section.normal, section.above.size))
+        values = -np.tile(section.normal, section.above.size)
+        return Equations(section.openings(assembler.size), section.dofs(section.above), values)
 
 
 @dataclass(frozen=True)
@@ -86,28 +93,13 @@ class ForcedSection:
         The pair in the middle opens along the normal n alone, and all others as it does.
         """
         section = _Section.of(assembler, self.section)
-        dim = section.normal.size
-        along = np.outer(section.normal, section.normal)
-        across = np.eye(dim) - along
-        free = int(np.abs(section.normal).argmax())
-        entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        dependent: list[int] = []
-
-        def add(row: np.ndarray, pair: int) -> None:
-            """Coefficients (dim,) of the opening of a pair in the last equation."""
-            for nodes, sign in ((section.above, 1.0), (section.below, -1.0)):
-                place = np.full(dim, len(dependent) - 1)
-                entries.append((sign * row, place, dim * nodes[pair] + np.arange(dim)))
-
-        for pair in range(section.above.size):
-            for k in range(dim):
-                if pair == section.first and k == free:
-                    continue
-                dependent.append(dim * int(section.above[pair]) + k)
-                add(across[k] if pair == section.first else np.eye(dim)[k], pair)
-                if pair != section.first:
-                    add(-along[k], section.first)
-        return equations_of(entries, np.array(dependent), assembler.size)
+        normal = section.normal
+        openings = section.openings(assembler.size)
+        middle = slice(normal.size * section.first, normal.size * (section.first + 1))
+        along = csr_matrix(np.tile(np.outer(normal, normal), (section.above.size, 1)))
+        dofs = section.dofs(section.above)
+        found = Equations(csr_matrix(openings - along @ openings[middle]), dofs, np.zeros(dofs.size))
+        return found.take(np.arange(dofs.size) != middle.start + np.abs(normal).argmax())
 
 
 @dataclass(frozen=True)
@@ -129,8 +121,8 @@ class BoltForce:
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector: forces on the pair in the middle, which the others follow."""
         section = _Section.of(assembler, self.section)
-        dim = section.normal.size
+        middle = slice(section.first, section.first + 1)
+        dofs = [section.dofs(nodes[middle]) for nodes in (section.below, section.above)]
         forces = np.zeros(assembler.size)
-        for nodes, sign in ((section.above, -1.0), (section.below, 1.0)):
-            forces[dim * nodes[section.first] + np.arange(dim)] = sign * section.normal
+        forces[np.concatenate(dofs)] = np.append(section.normal, -section.normal)
         return [Term(self.amplitude, csc_matrix(forces[:, None]))]

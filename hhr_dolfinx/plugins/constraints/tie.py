@@ -15,6 +15,7 @@ from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.parameters import Tag, check_tag
 from hhr_dolfinx.plugins.constraints.equations import equations_of
+from hhr_dolfinx.plugins.mortar.pairing import Mortar
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,12 @@ class Tie:
     Attributes:
         slave: facet tag of the surface that follows, best the finer one.
         master: facet tag of the other surface.
-        pairing: class of the pairing, called with slave and master; None for ``Mortar``.
+        pairing: class of the pairing, called with slave and master.
     """
 
     slave: Tag
     master: Tag
-    pairing: Any = None
+    pairing: Any = Mortar
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def __post_init__(self) -> None:
@@ -43,9 +44,7 @@ class Tie:
 
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not face."""
-        if self.pairing is None:
-            from hhr_dolfinx.plugins.mortar.pairing import Mortar as Default
-        pairing: Pairing = (self.pairing or Default)(self.slave, self.master)
+        pairing: Pairing = self.pairing(self.slave, self.master)
         surfaces = [assembler.surface(tag) for tag in pairing.tags]
         rows = pairing.rows(surfaces, assembler.size)
         dim = surfaces[0].points.shape[1]

@@ -10,8 +10,8 @@ PLUGIN = Plugin(
     needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks"),
     public={_LOADS: "NodalForces", _MESH: "WithOutside"},
     parts={
-        "loads": {"NodalForces": f"{_LOADS}:NodalForces"},
-        "geometries": {"WithOutside": f"{_MESH}:WithOutside"},
+        "loads": {_LOADS: "NodalForces"},
+        "geometries": {_MESH: "WithOutside"},
     },
     commands={"start": "hhr_dolfinx.plugins.decks.commands:start"},
 )

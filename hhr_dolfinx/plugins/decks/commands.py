@@ -53,6 +53,7 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
     from hhr_dolfinx.plugins.decks.inp import read_inp
+    from hhr_dolfinx.plugins.decks.inp_steps import Block, of_kind
     from hhr_dolfinx.plugins.decks.named import NamedParts
     from hhr_dolfinx.plugins.decks.template import template
 
@@ -64,5 +65,6 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         return read_comm(path, mesh, NamedParts(MeshFile(mesh).read()))
     parts = NamedParts(MeshFile(path).read())
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
-    physics = deck and any(keyword in ("SOLID SECTION", "STEP") for _, keyword, *_ in blocks(path))
-    return read_inp(path, parts) if physics else template(path, parts)
+    found = [Block(path.name, *block) for block in blocks(path)] if deck else []
+    physics = of_kind(found, "SOLID SECTION", "STEP")
+    return read_inp(path, found, parts) if physics else template(path, parts)

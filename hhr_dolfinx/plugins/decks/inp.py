@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Material, Section
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
@@ -32,13 +31,14 @@ _WITHOUT_EFFECT = frozenset(
 _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
 _NO = "no counterpart: "
+_BY_HAND = "not written: add to the constraints of the scene "
 _REASONS = {
-    "EQUATION": _NO + "linear constraints of displacements",
-    "MPC": _NO + "constraints of several nodes",
-    "TIE": _NO + "mesh both bodies as one, or give a pair a friction that holds",
-    "COUPLING": _NO + "impose a displacement or a traction on the surface itself",
-    "DISTRIBUTING COUPLING": _NO + "give the surface a traction",
-    "PRE-TENSION SECTION": _NO + "shorten the bolt by an Eigenstrain",
+    "EQUATION": _BY_HAND + "hhr.Equation",
+    "MPC": _BY_HAND + "hhr.Equation or hhr.RigidMotion",
+    "TIE": _BY_HAND + "hhr.Tie",
+    "COUPLING": _BY_HAND + "hhr.RigidMotion or hhr.MeanMotion of the surface",
+    "DISTRIBUTING COUPLING": _BY_HAND + "hhr.MeanMotion, or give the surface a traction",
+    "PRE-TENSION SECTION": _BY_HAND + "hhr.Preload, with the mesh of hhr.CutMesh",
     "TRANSFORM": _NO + "supports and forces at these nodes act along the axes of the mesh",
     "CONTACT": _NO + "name each pair of surfaces that may touch",
     **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
@@ -46,14 +46,13 @@ _REASONS = {
 _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
 
 
-def read_inp(path: Path, parts: NamedParts) -> Deck:
-    """Read bodies, supports, loads and contacts of a deck.
+def read_inp(path: Path, found: Sequence[Block], parts: NamedParts) -> Deck:
+    """Read bodies, supports, loads and contacts of the blocks of a deck.
 
     Raises:
         SceneError: for a deck without sections, or with a material that is not elastic, with the line.
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
-    found = tuple(Block(path.name, *block) for block in blocks(path))
     left = list(_ignored(found))
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded
+from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded, number_of
 from hhr_dolfinx.plugins.decks.deck import Left
 
 _TYPES = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
@@ -45,7 +45,7 @@ class Block:
     def number(self, word: str) -> float:
         """A number, also in the notation 1.0D+00; FileContentError for other words."""
         with suppress(ValueError):
-            if math.isfinite(value := float(word.upper().replace("D", "E"))):
+            if word and math.isfinite(value := number_of(word)):
                 return value
         raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no finite number")
 
@@ -112,7 +112,7 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
     word = row[1].upper()
     components: Sequence[int] = (-1,)
     value = 1.0
-    by_number = row[0].isdigit()
+    by_number = row[0].rpartition(".")[2].isdigit()  # 7, or Instance.7
     if block.keyword == "BOUNDARY":
         first = 1 if word in _TYPES or not word else _component(block, word)
         last = _component(block, row[2]) if len(row) > 2 and row[2] else first
@@ -123,7 +123,7 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
         value = sum(block.numbers(row[:3], 2))
     else:
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
-    place = name_of_loaded(f"{block.keyword}:{block.line}", list(row)) if by_number else row[0]
+    place = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
         detail = word if block.keyword in ("DLOAD", "DSLOAD") else component
         yield detail, Imposed(block, row, place, component, factor * value)

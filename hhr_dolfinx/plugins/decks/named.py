@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.checks.candidates import outward
 from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
@@ -76,13 +77,8 @@ class NamedParts:
 
     def normals(self, name: Tag) -> np.ndarray:
         """Outer unit normals of the facets of a surface, (f, dim)."""
-        points = self.raw.points[self.surfaces[name]]
-        edge = points[:, 1] - points[:, 0]
-        plane = points.shape[2] == 2
-        normals = edge[:, ::-1] * [1, -1] if plane else np.cross(edge, points[:, 2] - points[:, 0])
         inside = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
-        side = np.einsum("fd,fd->f", normals, points.mean(axis=1) - inside)
-        return normals * (np.sign(side) / np.linalg.norm(normals, axis=1))[:, None]
+        return outward(self.raw.points[self.surfaces[name]], inside)
 
     def flat_normal(self, name: Tag) -> np.ndarray | None:
         """Outer unit normal of a flat surface, (dim,); None for a curved one."""

@@ -7,10 +7,9 @@ from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
@@ -49,9 +48,7 @@ def template(path: Path, parts: NamedParts) -> Deck:
 
 def _pieces(parts: NamedParts) -> dict[Tag, int]:
     """Number of the connected piece of the mesh of each outer surface of one piece; names come before numbers."""
-    cells = parts.raw.cells
-    ends = cells[:, :1].repeat(cells.shape[1], axis=1).ravel(), cells.ravel()
-    labels = connected_components(coo_array((np.ones(cells.size), ends), shape=(len(parts.raw.points),) * 2))[1]
+    labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     names: list[Tag] = [name for name in parts.surfaces if isinstance(name, str)]
     of = {
         name: set(labels[parts.nodes(name)].tolist())

@@ -12,7 +12,7 @@ PLUGIN = Plugin(
     name="obstacles",
     needs=("nonmatching",),
     public=_PAIRINGS,
-    parts={"pairings": {name: f"{place}:{name}" for place, names in _PAIRINGS.items() for name in names.split()}},
+    parts={"pairings": _PAIRINGS},
     classes={
         f"{_HERE}.rigid": "Distances",
         f"{_HERE}.rounds": "Quadric",

@@ -7,5 +7,5 @@ _PLACES = "hhr_dolfinx.plugins.places.places"
 PLUGIN = Plugin(
     name="places",
     public={_PLACES: "NodalForce Nodes Springs"},
-    parts={"loads": {name: f"{_PLACES}:{name}" for name in ("NodalForce", "Springs")}},
+    parts={"loads": {_PLACES: "NodalForce Springs"}},
 )

@@ -119,9 +119,49 @@ def test_a_periodic_strip_is_one_of_many():
     assert u[:, 0] == pytest.approx(0 * points[:, 0], abs=1e-12)
 
 
+def test_a_quarter_of_a_square_is_all_of_it():
+    """Cyclic symmetry by a right angle: under pressure all around, strains are alike, and the middle stays.
+
+    A force at the corner, turned three times, does not move the middle either: without its own equation it would.
+    """
+    held = (hhr.Displacement(hhr.Nodes.near((1.0, 0.0)), 1),)
+    cyclic = (hhr.Periodic(LEFT, BOTTOM, angle=np.pi / 2),)
+    far = (hhr.Obstacle(TOP, (0, 1), 9.0),)
+    quarter = replace(pressed(cyclic), displacements=held, contacts=far)
+    full = hhr.FullOrderModel(replace(quarter, loads=(hhr.Pressure(RIGHT, "p"), hhr.Pressure(TOP, "p"))))
+    shrunk = 0.5 * (1 - 2 * 0.3) * (1 + 0.3) / 100.0
+    u = full.solve(0.5).displacement().reshape(-1, 2)
+    assert u == pytest.approx(-shrunk * full.problem.points, abs=1e-12)
+    force = hhr.NodalForce(hhr.Nodes.near((1.0, 1.0)), (1.0, 0.3), "p")
+    pulled = hhr.FullOrderModel(replace(quarter, loads=(force,)))
+    points, u = pulled.problem.points, pulled.solve(0.5).displacement().reshape(-1, 2)
+    place = {tuple(point): k for k, point in enumerate(np.round(points, 9) + 0.0)}
+    assert u[place[0.0, 0.0]] == pytest.approx([0.0, 0.0], abs=1e-12) and np.abs(u).max() > 1e-3
+    for along in (0.25, 0.5, 1.0):
+        one, other = u[place[along, 0.0]], u[place[0.0, along]]
+        assert other == pytest.approx([-one[1], one[0]], abs=1e-12)
+
+
+@pytest.mark.parametrize("right", ["0.002 * p", "0.003 * p"])
+def test_equations_of_imposed_displacements_hold_or_are_refused(right):
+    """A lid that goes down by 0.002 p on both of its corners cannot go down by 0.003 p on one of them too."""
+    ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
+    driven = [hhr.Displacement(end, 1, way) for end, way in zip(ends, ("-0.002 * p", "-0.004 * p"), strict=True)]
+    scene = pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -1.0)), right),))
+    scene = replace(scene, displacements=(*scene.displacements, *driven), loads=())
+    if right == "0.002 * p":
+        assert hhr.FullOrderModel(scene).solve(1.0).converged
+    else:
+        with pytest.raises(SceneError, match="imposed displacements alone, which break them"):
+            hhr.FullOrderModel(scene)
+
+
 @pytest.mark.parametrize(
     ("constraints", "why"),
     [((hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))), "follows by several equations"),
+     # the foot is imposed, the middle follows it, and the lid should determine the middle, too
+     ((hhr.Equation(((hhr.Nodes.near((0, 0)), 1, 1.0), (hhr.Nodes.near((0, 0.5)), 1, -1.0))),
+       hhr.Equation(((hhr.Nodes.near((0, 0.5)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0)))), "by several equations"),
      ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
      ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
      ((hhr.Equation(((hhr.Nodes.near((0.5, 1)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))),

@@ -309,7 +309,8 @@ def test_parts_without_counterpart_are_named(tmp_path):
     scene, output = started(tmp_path, text)
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
-    for words in (f"TODO deck.inp:{line} *EQUATION: no counterpart: linear constraints", "NLGEOM",
+    for words in (f"TODO deck.inp:{line} *EQUATION: not written: add to the constraints of the scene hhr.Equation",
+                  "NLGEOM",
                   "'NOWHERE' holds no whole body",
                   "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: no counter", "FIXED, SUB",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
