@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -67,13 +68,40 @@ class RigidMotion:
         return equations_of(entries, dofs[rest], assembler.size, loose=True)
 
 
+def fit_of(
+    points: np.ndarray,
+    weights: np.ndarray,
+    component: int,
+    point: Sequence[float] | None,
+    coupled: np.ndarray,
+    turns: Sequence[tuple[int, int]],
+) -> np.ndarray | None:
+    """Coefficients, (n, dim), of the displacements of points in a component of the motion of a reference point.
+
+    The displacement a and the rotation b of the point x are those with the least sum of w |u_k - a - b x (x_k - x)|^2,
+    over ``coupled`` components. None if they leave the component undetermined.
+    """
+    dim = points.shape[1]
+    size = np.ptp(points, axis=0).max() or 1.0
+    away = (points - (weights @ points if point is None else point)) / size
+    motions = np.zeros((dim + len(turns), len(points), dim))
+    motions[np.arange(dim), :, np.arange(dim)] = 1.0
+    for k, (first, second) in enumerate(turns, start=dim):
+        motions[k, :, first] = -away[:, second]
+        motions[k, :, second] = away[:, first]
+    motions[:, :, np.setdiff1d(np.arange(dim), coupled)] = 0.0
+    weighted = motions * weights[:, None]
+    inertia = np.einsum("anc,bnc->ab", weighted, motions)
+    unit = np.eye(len(motions))[component]
+    shares = np.linalg.pinv(inertia, rcond=1e-10, hermitian=True) @ unit
+    if np.abs(inertia @ shares - unit).max() > UNDETERMINED:
+        return None
+    return np.einsum("a,anc->nc", shares, weighted) / (size if component >= dim else 1.0)
+
+
 @dataclass(frozen=True)
 class _Coupled:
-    """Motion of a reference point by a fit to that of nodes.
-
-    The displacement a and the rotation b of the point x are those with the least sum of w |u_k - a - b x (x_k - x)|^2.
-    On nodes that a :class:`RigidMotion` moves too they are exact.
-    """
+    """Motion of a reference point by a fit to that of nodes, which is exact on nodes of a :class:`RigidMotion`."""
 
     place: Tag | Place
     component: int
@@ -103,22 +131,10 @@ class _Coupled:
                 f"component {self.component} of {self!r} does not exist in {dim} dimensions, or its point has another "
                 "number of coordinates; in axisymmetry there are no rotations"
             )
-        weights = self._weights(assembler, nodes)
-        size = np.ptp(points, axis=0).max() or 1.0
-        away = (points - (weights @ points if self.point is None else self.point)) / size
-        motions = np.zeros((dim + len(turns), len(points), dim))
-        motions[np.arange(dim), :, np.arange(dim)] = 1.0
-        for k, (first, second) in enumerate(turns, start=dim):
-            motions[k, :, first] = -away[:, second]
-            motions[k, :, second] = away[:, first]
-        motions[:, :, np.setdiff1d(np.arange(dim), _coupled(self, dim))] = 0.0
-        weighted = motions * weights[:, None]
-        inertia = np.einsum("anc,bnc->ab", weighted, motions)
-        unit = np.eye(len(motions))[self.component]
-        shares = np.linalg.pinv(inertia, rcond=1e-10, hermitian=True) @ unit
-        if np.abs(inertia @ shares - unit).max() > UNDETERMINED:
+        coupled = _coupled(self, dim)
+        found = fit_of(points, self._weights(assembler, nodes), self.component, self.point, coupled, turns)
+        if found is None:
             raise SceneError(f"the nodes of {self!r} leave component {self.component} undetermined: couple more nodes")
-        found = np.einsum("a,anc->nc", shares, weighted) / (size if self.component >= dim else 1.0)
         return (dim * nodes[:, None] + np.arange(dim)).ravel(), found.ravel()
 
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
@@ -147,7 +163,7 @@ class MeanMotion(_Coupled):
     """
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for motions that nodes do not show."""
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for undetermined motions."""
         dofs, found = self._fit(assembler)
         kept = found != 0
         entries = found[kept], np.zeros(int(kept.sum()), dtype=int), dofs[kept]

@@ -85,7 +85,7 @@ def test_an_imposed_motion_of_the_point_is_that_of_its_force(rigid):
 
 @needs("second_order")
 def test_a_square_bar_twists():
-    """Theta = T L / G 0.1406 a^4 (St Venant), where the ends, which are free to warp only at one of them, stiffen it."""
+    """Theta = T L / G 0.1406 a^4 (St Venant), far from the ends, of which one cannot warp."""
     length = LENGTH * 3
     shear = YOUNG / 2 / 1.3
     twist = lambda loads, constraints=(): hhr.FullOrderModel(  # noqa: E731
@@ -94,7 +94,7 @@ def test_a_square_bar_twists():
             geometry=lambda comm: block.block(
                 comm, lower=(0.0, -0.5, -0.5), upper=(length, 0.5, 0.5), cells=(18, 3, 3)
             ),
-        )  # fmt: skip
+        )
     )
     full = twist((hhr.CoupledForce(END, 3, "0.4 * p", (length, 0.0, 0.0)),))
     u = full.solve(0.5).displacement().reshape(-1, 3)
