@@ -110,6 +110,7 @@ class Periodic:
         angle: from leader to follower, in rad; 0 for a periodic structure.
         shift: from leader to follower, (dim,), after the turn; None for none.
         axis: axis of the turn through the origin, 0, 1 or 2; in the plane it is the normal.
+        tolerance: distance of nodes over the size of the mesh up to which they coincide.
     """
 
     follower: Tag | Place
@@ -117,13 +118,17 @@ class Periodic:
     angle: float = 0.0
     shift: tuple[float, ...] | None = None
     axis: int = 2
+    tolerance: float = ALIKE
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def __post_init__(self) -> None:
         check_place("periodic surface", self.follower)
         check_place("periodic surface", self.leader)
-        if not is_number(self.angle) or self.axis not in (0, 1, 2):
-            raise SceneError(f"angle = {self.angle!r} and axis = {self.axis!r} must be a number, and 0, 1 or 2")
+        if not is_number(self.angle) or self.axis not in (0, 1, 2) or not self.tolerance > 0:
+            raise SceneError(
+                f"angle = {self.angle!r}, axis = {self.axis!r} and tolerance = {self.tolerance!r} must be a number, "
+                "0, 1 or 2, and a positive number"
+            )
 
     def turn(self, dim: int) -> np.ndarray:
         """Rotation by the angle, (dim, dim)."""
@@ -143,7 +148,7 @@ class Periodic:
         turned = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
         far, which = cKDTree(turned).query(places)
         size = np.ptp(assembler.points(), axis=0).max()
-        if far.max() > ALIKE * size:
+        if far.max() > self.tolerance * size:
             bad = int(far.argmax())
             raise SceneError(
                 f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those of the leader, turned "

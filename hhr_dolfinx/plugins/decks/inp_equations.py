@@ -73,8 +73,10 @@ class Equations:
         for word, number, value in terms:
             component = int(block.number(number)) - 1
             coefficient = block.number(value)
-            if not self.nodes.numbers(word) or not coefficient:
-                return f"'{word}' has no node, or the coefficient 0"
+            if not self.nodes.numbers(word):
+                return f"'{word}' has no node"
+            if not coefficient:
+                continue
             if self.nodes.free_of_cells(word):
                 if (node := self.nodes.single(word)) is None:
                     return f"'{word}' has several nodes that belong to no cell"

@@ -16,6 +16,9 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
+ROUNDED = 1e-4
+"""Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
+
 
 def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list[Load]:
     """Ties and periodic surfaces; those without counterpart are left."""
@@ -60,8 +63,10 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
     for sign in (1.0, -1.0):
         angle = sign * 2 * np.pi / model.number(model.option("N"))
         turn = Periodic(follower, leader, angle=angle, axis=axis).turn(dim)
-        if cKDTree(other @ turn.T).query(own)[0].max() <= ALIKE * size:
-            return f"hhr.Periodic({follower!r}, {leader!r}, angle={angle!r}, axis={axis})"
+        far = cKDTree(other @ turn.T).query(own)[0].max() / size
+        if far <= ROUNDED:
+            more = f", tolerance={ROUNDED!r}" if far > ALIKE else ""
+            return f"hhr.Periodic({follower!r}, {leader!r}, angle={angle!r}, axis={axis}{more})"
     return "nodes of its surfaces, turned by the angle, do not coincide"
 
 
