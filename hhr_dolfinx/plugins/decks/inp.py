@@ -19,7 +19,7 @@ from hhr_dolfinx.plugins.decks.inp_equations import equations_of
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
@@ -73,7 +73,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         constraints += more[0]
         forces += more[1]
     constraints += ties_of(found, parts, left)
-    supports, loads = loads_of(found, own, parts, materials, thickness, left)
+    supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
     pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
     steps = of_kind(found, "STEP")
