@@ -52,6 +52,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
     left = list(_ignored(found))
+    whole = parts
     cuts, parts = sections_of(found, path, parts, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
@@ -75,7 +76,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
+    pairs = pairs_of(found, parts, state, left) or whole.out_of_reach(supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
