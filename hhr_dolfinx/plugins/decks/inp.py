@@ -76,7 +76,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, state, left) or whole.out_of_reach(supports)
+    pairs = pairs_of(found, parts, nodes, state, left) or whole.out_of_reach(supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))

@@ -6,6 +6,7 @@ Its elements of first order, C3D8, are those of the scene.
 import numpy as np
 import pytest
 from deck_texts import bar, block_lines, blocks
+from needs import needs
 from test_decks import end, solved, started
 
 import hhr_dolfinx as hhr
@@ -150,3 +151,53 @@ def test_what_cannot_be_is_left(tmp_path):
         "*MPC: no counterpart: PLANE",
     ):
         assert words in output  # fmt: skip
+
+
+ARC = (
+    "*SURFACE, TYPE=SEGMENTS, NAME=TOOL\nSTART, -2., 3.\nCIRCL, 0., 1., 0., 3.\nCIRCL, 2., 3., 0., 3.\n"
+    "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=9\n*NODE\n9, 0., 3.\n"
+)
+LINES = (
+    "*NODE\n9, 0., 3.\n20, -2., 1.2\n21, 0., 1.\n22, 2., 1.2\n*ELEMENT, TYPE=R2D2, ELSET=TOOL\n90, 20, 21\n91, 21, 22\n"
+    "*SURFACE, NAME=TOOL\nTOOL, SPOS\n*RIGID BODY, ELSET=TOOL, REF NODE=9\n"
+)
+
+
+@needs("obstacles")
+@pytest.mark.parametrize("tool", [ARC, LINES])
+def test_a_curved_tool_presses_a_node(tool, tmp_path):
+    """The middle of the lid of a strip goes down by 0.03, but for the slope of the chord of 1 degree that it meets."""
+    text = (
+        "*NODE\n1, -1., 0.\n2, 0., 0.\n3, 1., 0.\n4, -1., 1.\n5, 0., 1.\n6, 1., 1.\n*ELEMENT, TYPE=CPE4, ELSET=BODY\n"
+    )
+    text += "1, 1, 2, 5, 4\n2, 2, 3, 6, 5\n*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n"
+    text += (
+        "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*SURFACE, NAME=LID\n1, S3\n2, S3\n"
+        + tool
+        + "*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
+    )
+    text += "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and isinstance(scene.contacts[0], hhr.Profile)
+    assert scene.parameters.names == ("motion",)
+    full, answer = solved(scene)
+    node = np.linalg.norm(full.problem.points - (0.0, 1.0), axis=1).argmin()
+    assert answer.displacement().reshape(-1, 2)[node] == pytest.approx((0.0, -0.03), abs=2e-5)
+    assert (answer.forces() > 0).sum() == 1
+
+
+@needs("obstacles")
+def test_a_tool_of_rigid_elements(tmp_path):
+    """A roof above the upper block, whose ridge comes down by 0.1, presses its middle; at a crease one side counts."""
+    tool = (
+        "*NODE\n9001, -1., -1., 2.5\n9002, 0.5, -1., 2.\n9003, 2., -1., 2.5\n9004, -1., 2., 2.5\n9005, 0.5, 2., 2.\n"
+        "9006, 2., 2., 2.5\n9009, 0., 0., 3.\n*ELEMENT, TYPE=R3D4, ELSET=TOOL\n9001, 9001, 9002, 9005, 9004\n"
+        "9002, 9002, 9003, 9006, 9005\n*SURFACE, NAME=STAMP\nTOOL, SNEG\n*RIGID BODY, ELSET=TOOL, REF NODE=9009\n"
+        "*CONTACT PAIR, INTERACTION=TOUCH\nUPPER_TOP, STAMP"
+    )
+    text = blocks("*BOUNDARY\n9009, 1, 2\n9009, 3, 3, -0.1\n9009, 4, 6", before=tool, upper=(4, 4, 1))
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and isinstance(scene.contacts[1], hhr.RigidMesh)
+    full, answer = solved(scene)
+    forces = answer.forces()[full.problem.pressing_of(1)]
+    assert (forces > 0).sum() == 5 and end(full, answer, (0.5, 0.5, 2.0))[2] == pytest.approx(-0.1, abs=5e-4)
