@@ -82,8 +82,18 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds,
-                tuple(constraints), tuple(name for _, name in cuts))  # fmt: skip
+    return Deck(
+        path,
+        hypothesis,
+        tuple(sections),
+        tuple(supports),
+        tuple(loads),
+        tuple(pairs),
+        order,
+        seconds,
+        tuple(constraints),
+        tuple(name for _, name in cuts),
+    )
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:

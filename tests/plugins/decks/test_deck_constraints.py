@@ -150,7 +150,7 @@ def test_what_cannot_be_is_left(tmp_path):
         "*RIGID BODY: it has no nodes",
         "*MPC: no counterpart: PLANE",
     ):
-        assert words in output  # fmt: skip
+        assert words in output
 
 
 ARC = (
