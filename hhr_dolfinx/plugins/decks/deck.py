@@ -61,6 +61,16 @@ class Pair:
     friction: float
     source: str
     gap: float = 0.0
+    direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
+
+
+@dataclass(frozen=True)
+class Pretension:
+    """A flat section of a bolt whose sides are drawn together by ``value``, a length."""
+
+    section: str
+    value: float
+    source: str
 
 
 @dataclass(frozen=True)
@@ -86,4 +96,5 @@ class Deck:
     loads: tuple[Load, ...] = ()
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
+    bolts: tuple[Pretension, ...] = ()
     seconds: float = 1.0  # duration of all steps, for laws with rates

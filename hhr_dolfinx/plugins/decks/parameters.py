@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Load, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, Load, Pair, Pretension, Section, Support
 
 MOST = 3
 """Parameters of a scene: two or three can be plotted, and training grows with their number."""
 SPREAD = 0.2
 """Half of the width of the box over the value of the deck, which lies in its middle."""
-Item = Load | Support | Pair | Section
+Item = Load | Support | Pair | Section | Pretension
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,14 @@ class Proposed:
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
-    """Parameters, one for each block of the deck: loads, then imposed displacements and gaps, then moduli.
+    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps, then moduli.
 
     Moduli are parameters only without others: models of them are larger, and none is exact for a body that contact
     alone holds.
     """
     groups: dict[tuple[str, str], dict[Item, float]] = {}
-    driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.loads]
+    driven: list[tuple[str, Item, float]] = [("preload", item, item.value) for item in deck.bolts]
+    driven += [(item.kind, item, item.value) for item in deck.loads]
     driven += [("displacement", item, item.value) for item in deck.supports]
     driven += [("gap", item, item.gap) for item in deck.pairs]
     for kind, item, value in driven:

@@ -29,19 +29,35 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
             f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
         ),
         "openings": _openings(deck.pairs, of),
-        "outputs": (f'hhr.LargestPressure("largest pressure {k}", contact={k}),' for k in range(len(deck.pairs))),
+        "outputs": _outputs(deck.pairs),
     }
+    if deck.bolts:
+        rows = (f"hhr.Preload({one.section!r}, {of.get(one, repr(one.value))}),  # {one.source}" for one in deck.bolts)
+        parts = {**parts, "constraints": rows}
     lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
     lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
-    mesh = "WithOutside" if any(repr(OUTSIDE) in pair.text for pair in deck.pairs) else "MeshFile"
-    lines += [f"    geometry=hhr.{mesh}(MESH),", f"    hypothesis={deck.hypothesis!r},"]
+    lines += [f"    geometry={_geometry(deck)},", f"    hypothesis={deck.hypothesis!r},"]
     for name, items in parts.items():
         lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
     bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
     lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
     return "\n".join([*lines, *(_paths(deck, parameters) if _flows(deck) else ())]) + "\n"
+
+
+def _geometry(deck: Deck) -> str:
+    if deck.bolts:
+        return f"hhr.CutMesh(MESH, sections={tuple(one.section for one in deck.bolts)!r})"
+    outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
+    return "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+
+
+def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
+    for number, pair in enumerate(pairs):
+        yield f'hhr.LargestPressure("largest pressure {number}", contact={number}),'
+        if pair.direction:
+            yield f'hhr.ContactForce("force {number}", contact={number}, direction={pair.direction!r}),'
 
 
 def _flows(deck: Deck) -> bool:
