@@ -96,5 +96,5 @@ class Deck:
     loads: tuple[Load, ...] = ()
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
-    bolts: tuple[Pretension, ...] = ()
     seconds: float = 1.0  # duration of all steps, for laws with rates
+    bolts: tuple[Pretension, ...] = ()
