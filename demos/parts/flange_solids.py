@@ -41,7 +41,9 @@ def write_step(file: Path) -> None:
     spot = cylinder(COVER - DEEP, COVER, SPOT, MIDDLE)
     cover = cut(parts, [cylinder(0, DEEP, BORE), cylinder(0, COVER, HOLE, MIDDLE), spot])
     top = COVER - DEEP
-    occ.fuse([cylinder(FLANGE, top, SHANK, MIDDLE)], [cylinder(top, top + HIGH, HEAD, MIDDLE)])
+    # the shank widens to the radius of the hole below the head, so that all of the head's face lies on the spot face
+    neck = 3, occ.addCone(*MIDDLE, top - 2, 0, 0, 2, SHANK, HOLE)
+    occ.fuse([cylinder(FLANGE, top, SHANK, MIDDLE)], [neck, cylinder(top, top + HIGH, HEAD, MIDDLE)])
     for whole in (flange, cover):
         occ.intersect(whole, [(3, occ.addBox(0, 0, 2 * END, RIM, RIM, -4 * END))])
     occ.synchronize()
