@@ -1,6 +1,6 @@
 """Solids of a bolted flange as a STEP file, such as a CAD program writes, and their mesh, as made in gmsh.
 
-A quarter of a hydraulic line with a bore of 60 mm: its flange, a cover on it, and one of four bolts M16, in tapped holes.
+A quarter of a hydraulic line with a bore of 60 mm: its flange, a cover, and one of four bolts M16, in tapped holes.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ BORE, PIPE, FACE, RIM, CIRCLE = 30.0, 42.0, 48.0, 80.0, 60.0
 SHANK, HOLE, HEAD, SPOT = 8.0, 9.0, 14.0, 15.5
 """Radii of the bolt and of its tapped hole, of the hole in the cover, of the head, and of the spot face under it."""
 END, FLANGE, COVER, RAISED, DEEP, HIGH = -65.0, -25.0, 28.0, 2.0, 4.0, 12.0
-"""Heights of the end of the pipe, of the underside of the flange and of the top of the cover; of the raised faces, which
-meet at 0, of the recess of the cover and of its spot face, and of the head."""
+"""Heights of the end of the pipe, of the underside of the flange and of the top of the cover; of the raised faces,
+which meet at 0, of the recess of the cover and of its spot face, and of the head."""
 SECTION = 10.0
 """Height of the section of the bolt at which it is preloaded."""
 MIDDLE = CIRCLE / np.sqrt(2), CIRCLE / np.sqrt(2)
@@ -51,7 +51,7 @@ def write_step(file: Path) -> None:
 
 
 def mesh_step(step: Path, mesh: Path, fine: float, coarse: float) -> None:
-    """Import the solids, join the thread to the flange, cut the bolt, name parts, and mesh by tetrahedra of second order."""
+    """Import the solids, join the thread to the flange, cut the bolt, name parts, and mesh by 10-node tetrahedra."""
     gmsh.clear()
     occ = gmsh.model.occ
     flange, cover, bolt = occ.importShapes(str(step))
@@ -68,7 +68,9 @@ def mesh_step(step: Path, mesh: Path, fine: float, coarse: float) -> None:
         "cover_face": _faces([cover], lambda x: abs(x[2]) < 1e-6),
         "spot_face": _faces([cover], lambda x: abs(x[2] - COVER + DEEP) < 1e-6),
         "head": _faces(of[1], lambda x: abs(x[2] - COVER + DEEP) < 1e-6),
-        "pressure": _faces([*of[0], cover], lambda x: np.hypot(x[0], x[1]) < BORE + 1e-6 and END - 1e-6 < x[2] < DEEP + 1e-6),
+        "pressure": _faces(
+            [*of[0], cover], lambda x: np.hypot(x[0], x[1]) < BORE + 1e-6 and END - 1e-6 < x[2] < DEEP + 1e-6
+        ),
         "bolt_section": [tag for _, tag in of[2]],
     }
     for name, faces in named.items():

@@ -247,7 +247,9 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
     found.forces.append((name, forces.reshape(-1, dim)))
     still = not hasattr(load, "stiffness")  # springs act on a body though their ground does not move
-    if still and all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
+    if still and all(
+        isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes
+    ):
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
     if all(part.shape[1] == 1 for part in columns):
