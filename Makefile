@@ -7,10 +7,14 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
+
+# from a STEP file by the commands of a user, one to three minutes
+flange: setup
+	.venv/bin/python demos/flange.py
 
 # the cases of the thesis
 hertz: setup

@@ -103,11 +103,15 @@ def _names(found: SceneCheck) -> None:
     scene = found.scene
     discretisation = found.meshed
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
-    used |= {getattr(load, "tag", None) for load in scene.loads}
+    used |= {getattr(load, "tag", None) or getattr(load, "place", None) for load in scene.loads}
+    used |= {value for item in scene.constraints for value in vars(item).values() if isinstance(value, int | str)}
+    # the other side of a cut has the name of the section with an ending
+    cuts = [item.section for item in scene.constraints if hasattr(item, "section")]
     facets = discretisation.names.facets
     # a set of all nodes has the facets of all surfaces
     named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
     idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
+    idle = [name for name in idle if not any(name.startswith(f"{cut}_") for cut in cuts)]
     if idle:
         found.note(f"the mesh has surfaces that nothing names: {', '.join(idle)}")
     left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
@@ -242,7 +246,10 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     theta = Amplitudes.collect(amplitudes, found.scene.parameters)
     forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
     found.forces.append((name, forces.reshape(-1, dim)))
-    if all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes):
+    still = not hasattr(load, "stiffness")  # springs act on a body though their ground does not move
+    if still and all(
+        isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes
+    ):
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
     if all(part.shape[1] == 1 for part in columns):

@@ -126,6 +126,9 @@ def look_at_joints(found: SceneCheck) -> None:
         sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
         paired |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
+    cuts = [item for item in found.scene.constraints if hasattr(item, "section")]
+    cut = [found.meshed.assembler(item).surface(item.section).nodes for item in cuts]
+    twins = twins[~np.isin(twins, np.concatenate(cut or [np.zeros(0, dtype=int)])).any(axis=1)]
     for place, tag in enumerate(tags):
         pieces = look.pieces_of(place)
         own = twins[(pieces[twins] >= 0).all(axis=1)]

@@ -65,6 +65,7 @@ class Pair:
     source: str
     gap: float = 0.0
     motion: tuple[float, ...] = ()
+    direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
 
 
 @dataclass(frozen=True)

@@ -35,15 +35,15 @@ class Proposed:
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
-    """Parameters, one for each block of the deck: loads, then imposed displacements and gaps, then moduli.
+    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps, then moduli.
 
     Moduli are parameters only without others: models of them are larger, and none is exact for a body that contact
     alone holds.
     """
     groups: dict[tuple[str, str], dict[Item, float]] = {}
-    driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.loads]
+    driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.constraints]
+    driven += [(item.kind, item, item.value) for item in deck.loads]
     driven += [("displacement", item, item.value) for item in deck.supports]
-    driven += [(item.kind, item, item.value) for item in deck.constraints]
     driven += [("gap", item, item.gap) for item in deck.pairs]
     driven += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
     for kind, item, value in driven:

@@ -1,8 +1,9 @@
-"""A scene from a mesh without physics: steel bodies, two surfaces that face each other, a support, a pressure."""
+"""A scene from a mesh without physics: steel bodies, surfaces that face each other, supports, a pressure, preloads."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
@@ -10,40 +11,123 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Section, Support, Tag
-from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.geometries.cells import outer_faces
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.named import FLAT, NamedParts
 
 FACING = -0.5
 """Largest cosine between outer normals of two surfaces that face each other."""
+NEAR = 0.1
+"""Largest distance of a further pair of surfaces, over the extent of the smaller one."""
+STRAIN = 1e-3
+"""Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
+SOFT = 1e-4
+"""Stiffness of a bedding that holds a loose body, over that of the body, E over its extent."""
+HELD, SYMMETRIC, PRESSED = ("fixed", "clamp"), ("symmetry",), ("pressure",)
+"""Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
 
 
 def template(path: Path, parts: NamedParts) -> Deck:
-    """Contents of a scene that a mesh suggests; what must be chosen is left."""
+    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left."""
     dim = parts.raw.dim
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
     left = [Left(source, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
-    hypothesis = "solid" if dim == 3 else "plane_strain"
+    bolts = dict(_bolts(parts, source))
+    deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
     piece = _pieces(parts)
-    found = _facing(parts, piece)
-    if found is None:
+    supports, loads = _by_names(parts, piece, source, left)
+    used = {item.place for item in supports} | {name for name in piece if _begins(name, PRESSED)}
+    pairs = _facing(parts, {name: number for name, number in piece.items() if name not in used})
+    if not pairs:
         left.append(Left(source, "contact", "no named surfaces of two bodies face each other: name a pair in contacts"))
-        return Deck(path, hypothesis, sections, left=tuple(left))
-    slave, master = found
+    elif not supports:
+        supports, proposed = _by_places(parts, piece, pairs[0], source, left)
+        loads = loads or proposed
+    if bolts:
+        loads = [*loads, *_beddings(parts, piece, [name for pair in pairs for name in pair], supports, steel)]
+    return replace(
+        deck,
+        supports=tuple(supports),
+        loads=tuple(loads),
+        pairs=tuple(_pair(parts, *pair, source) for pair in pairs),
+        left=tuple(left),
+    )
+
+
+def _begins(name: Tag, words: tuple[str, ...]) -> bool:
+    return isinstance(name, str) and name.lower().startswith(words)
+
+
+def _by_names(
+    parts: NamedParts, piece: Iterable[Tag], source: str, left: list[Left]
+) -> tuple[list[Support], list[Load]]:
+    """Supports and loads of outer surfaces whose names say what they are."""
+    dim = parts.raw.dim
+    names = [name for name in parts.surfaces if isinstance(name, str) and (parts.owners(name) >= 0).all()]
+    supports = [Support(name, k, 0.0, source) for name in names if _begins(name, HELD) for k in range(dim)]
+    for name in (name for name in names if _begins(name, SYMMETRIC)):
+        normal = parts.flat_normal(name)
+        if normal is None or np.abs(normal).max() < 1 - FLAT:
+            left.append(Left(source, name, "a plane of symmetry across no axis: hold it by an Equation in constraints"))
+        else:
+            supports.append(Support(name, int(np.abs(normal).argmax()), 0.0, source))
+    loads = [Load("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source) for name in names if _begins(name, PRESSED)]
+    return supports, loads
+
+
+def _by_places(
+    parts: NamedParts, piece: Mapping[Tag, int], pair: tuple[Tag, Tag], source: str, left: list[Left]
+) -> tuple[list[Support], list[Load]]:
+    """Supports and a pressure on the far sides of the bodies of a contact pair."""
+    slave, master = pair
     supports: list[Support] = []
-    loads: tuple[Load, ...] = ()
-    for number in sorted(set(piece.values())):
-        far = _far(parts, [name for name in piece if piece[name] == number and name not in found], slave)
+    loads: list[Load] = []
+    for number in sorted({piece[name] for name in pair}):
+        far = _far(parts, [name for name in piece if piece[name] == number and name not in pair], slave)
         if far is None:
             left.append(Left(source, "support", f"no named surface to hold the body of {slave!r} or {master!r}"))
             continue
         along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == piece[slave] else -1
-        supports += [Support(far, k, 0.0, source) for k in range(dim) if k != along]
+        supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]
         if number == piece[slave]:
-            loads = (Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source),)
-    pairs = (parts.pair(slave, master, 0.0, source),)
-    return Deck(path, hypothesis, sections, tuple(supports), loads, pairs, tuple(left))
+            loads = [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+    return supports, loads
+
+
+def _beddings(
+    parts: NamedParts, piece: Mapping[Tag, int], places: Iterable[Tag], supports: Iterable[Support], steel: Material
+) -> Iterator[Load]:
+    """Soft springs, such as those of a seal, along components that no support holds: constraints leave no free body."""
+    labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
+    held = {(number, item.component) for item in supports for number in set(labels[parts.nodes(item.place)].tolist())}
+    first = {piece[name]: name for name in reversed([*places])}
+    for number, name in first.items():
+        stiffness = SOFT * steel.young / np.ptp(parts.raw.points[labels == number], axis=0).max()
+        for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
+            text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
+            yield Load("springs", text, 0.0, "soft, such as a seal: nothing else holds this body until it is drawn")
+
+
+def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
+    """Flat named surfaces inside of a body, each with a shortening of the body along its normal."""
+    raw = parts.raw
+    for tag in parts.apart():
+        cells = raw.cells[raw.bodies[tag]]
+        outer = {tuple(row) for row in np.sort(outer_faces(raw.kind, cells), axis=1).tolist()}
+        for name, facets in parts.surfaces.items():
+            rows = np.sort(facets, axis=1).tolist()
+            if not isinstance(name, str) or not np.isin(facets, cells).all() or outer & set(map(tuple, rows)):
+                continue
+            own = raw.points[np.unique(facets)]
+            middle = own.mean(axis=0)
+            normal = np.linalg.svd(own - middle)[2][-1]
+            if np.abs((own - middle) @ normal).max() < FLAT * np.ptp(own, axis=0).max():
+                length = float(np.ptp(raw.points[np.unique(cells)] @ normal))
+                shortening = float(f"{STRAIN * length:.2g}")
+                why = f"{source}: {STRAIN:.1%} of the length"
+                yield name, Load("preload", f"hhr.Preload({name!r}, {{}})", shortening, why)
 
 
 def _pieces(parts: NamedParts) -> dict[Tag, int]:
@@ -58,21 +142,32 @@ def _pieces(parts: NamedParts) -> dict[Tag, int]:
     return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1}
 
 
-def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> tuple[Tag, Tag] | None:
-    """The two nearest surfaces of different pieces that face each other, with the finer one first."""
-    middles = {name: parts.raw.points[parts.surfaces[name]].mean(axis=1) for name in piece}
-    best: tuple[float, Tag, Tag] | None = None
+def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]]:
+    """Surfaces of different pieces that face each other, the finer one first: the nearest pair, and all near ones."""
+    corners = {name: parts.raw.points[parts.surfaces[name]] for name in piece}
+    middles = {name: points.mean(axis=1) for name, points in corners.items()}
+    size = {name: float(np.median(np.ptp(points, axis=1).max(axis=1))) for name, points in corners.items()}
+    known: list[tuple[float, Tag, Tag]] = []
     for first, second in permutations(piece, 2):
-        if piece[first] == piece[second]:
-            continue
-        distance, nearest = cKDTree(middles[second]).query(middles[first])
-        cosine = np.einsum("fd,fd->f", parts.normals(first), parts.normals(second)[nearest])
-        if (cosine < FACING).mean() > 0.5 and (best is None or np.median(distance) < best[0]):
-            best = float(np.median(distance)), first, second
-    if best is None:
-        return None
-    first, second = sorted(best[1:], key=lambda name: -len(middles[name]))
-    return first, second
+        if piece[first] != piece[second]:
+            distance, nearest = cKDTree(middles[second]).query(middles[first])
+            cosine = np.einsum("fd,fd->f", parts.normals(first), parts.normals(second)[nearest])
+            if (cosine < FACING).mean() > 0.5:
+                known.append((float(np.median(distance)), first, second))
+    found: list[tuple[Tag, Tag]] = []
+    for distance, *pair in sorted(known, key=lambda item: item[0]):
+        extent = min(np.ptp(parts.raw.points[parts.nodes(name)], axis=0).max() for name in pair)
+        if not {*pair} & {name for one in found for name in one} and (not found or distance < NEAR * extent):
+            first, second = sorted(pair, key=lambda name: size[name])
+            found.append((first, second))
+    return found
+
+
+def _pair(parts: NamedParts, slave: Tag, master: Tag, source: str) -> Pair:
+    """The contact pair, with its force as an output if the surface is flat."""
+    normal = parts.flat_normal(slave)
+    direction = () if normal is None else tuple((0.0 - normal).tolist())
+    return replace(parts.pair(slave, master, 0.0, source), direction=direction)
 
 
 def _far(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:

@@ -31,15 +31,13 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
         ),
         "constraints": (_constraint(item, of) for item in deck.constraints),
         "openings": _openings(deck.pairs, of),
-        "outputs": (f'hhr.LargestPressure("largest pressure {k}", contact={k}),' for k in range(len(deck.pairs))),
+        "outputs": _outputs(deck.pairs),
     }
     lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
     lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
-    mesh = "WithOutside" if any(repr(OUTSIDE) in pair.text for pair in deck.pairs) else "MeshFile"
-    text = f"hhr.CutMesh(MESH, sections={deck.cuts!r})" if deck.cuts else f"hhr.{mesh}(MESH)"
-    lines += [f"    geometry={text},", f"    hypothesis={deck.hypothesis!r},"]
+    lines += [f"    geometry={_geometry(deck)},", f"    hypothesis={deck.hypothesis!r},"]
     for name, items in parts.items():
         if name == "constraints" and not deck.constraints:
             continue
@@ -47,6 +45,20 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
     bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
     lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
     return "\n".join([*lines, *(_paths(deck, parameters) if _flows(deck) else ())]) + "\n"
+
+
+def _geometry(deck: Deck) -> str:
+    if deck.cuts:
+        return f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
+    outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
+    return "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+
+
+def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
+    for number, pair in enumerate(pairs):
+        yield f'hhr.LargestPressure("largest pressure {number}", contact={number}),'
+        if pair.direction:
+            yield f'hhr.ContactForce("force {number}", contact={number}, direction={pair.direction!r}),'
 
 
 def _flows(deck: Deck) -> bool:

@@ -1,0 +1,81 @@
+"""Templates of meshes whose names say what surfaces are: supports, symmetry, pressures, sections of bolts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shell import invoke
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.command.loading import scene_of
+
+LENGTH, YOUNG = 3.0, 210e3
+
+
+def column(folder, end="FIXED_END", side="SYMMETRY_X"):
+    """A column of 1 x 1 x 3 with a section at a height of 1, and a cap of 1 x 1 x 1 on it with nodes of its own."""
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    heights = [0, 1, 2, 3, 3, 4]
+    rows = ["*NODE"]
+    rows += [f"{4 * k + n + 1}, {x}, {y}, {z}" for k, z in enumerate(heights) for n, (x, y) in enumerate(square)]
+    for name, layers in (("BOLT", (0, 1, 2)), ("CAP", (4,))):
+        rows.append(f"*ELEMENT, TYPE=C3D8, ELSET={name}")
+        rows += [f"{k + 1}, {', '.join(str(4 * k + n) for n in range(1, 9))}" for k in layers]
+    surfaces = {
+        end: [(1, 1)], "BOLT_SECTION": [(1, 2)], "TOP": [(3, 2)], "CAP_FOOT": [(5, 1)], "Pressure_lid": [(5, 2)],
+        side: [(k, 6) for k in (1, 2, 3, 5)], "SYMMETRY_Y": [(k, 3) for k in (1, 2, 3, 5)],
+    }  # fmt: skip
+    for name, faces in surfaces.items():
+        rows += [f"*SURFACE, NAME={name}", *(f"{cell}, S{face}" for cell, face in faces)]
+    path = folder / "column.inp"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("end", ["FIXED_END", "symmetry_z"])
+def test_names_lead_to_a_scene_that_runs(end, tmp_path):
+    """The bolt is shortened and pressed, and its force is that of the pressure but for the share of the springs."""
+    code, output = invoke("start", column(tmp_path, end))
+    assert code == 0 and output.count("TODO") == 1, output  # the materials
+    scene = scene_of(str(tmp_path / "column.py"))
+    assert scene.geometry.sections == ("BOLT_SECTION",) and len(scene.contacts) == 1
+    assert scene.parameters.names == ("preload", "pressure")
+    assert scene.parameters.middle == pytest.approx([1e-3 * LENGTH, 1.0])
+    imposed = {(item.tag, item.component) for item in scene.displacements}
+    held = {(end, k) for k in ((0, 1, 2) if end == "FIXED_END" else (2,))}
+    assert imposed == {("SYMMETRY_X", 0), ("SYMMETRY_Y", 1)} | held
+    springs = [load for load in scene.loads if isinstance(load, hhr.Springs)]
+    assert [(one.place, one.component) for one in springs] == [("CAP_FOOT", 2)]
+    wide = hhr.ParameterSpace(scene.parameters.names, (0.0, 0.0), (0.01, 10.0))
+    full = hhr.FullOrderModel(replace(scene, parameters=wide))
+    answer = full.solve([0.003, 10.0])
+    force = answer.outputs()["force 0"]
+    lid, top = (np.isclose(full.problem.points[:, 2], z) for z in (LENGTH + 1, LENGTH))
+    u = answer.displacement().reshape(-1, 3)[:, 2]
+    if end == "symmetry_z":  # nothing hinders the ends from getting wider
+        assert u[top] == pytest.approx(np.full(8, -0.003 - force * LENGTH / YOUNG), rel=1e-6)
+        assert u[lid] == pytest.approx(np.full(4, u[top].mean() - (force + 10.0) / 2 / YOUNG), rel=1e-3)
+    assert force == pytest.approx(10.0 + springs[0].modulus * u[top].mean(), rel=1e-6)
+    # without pressure the soft springs hold the cap over the bolt that was drawn away
+    assert full.solve([0.003, 0.0]).outputs()["force 0"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_inclined_plane_of_symmetry_is_left(tmp_path):
+    path = column(tmp_path, side="SYMMETRY_TURNED")
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    rows = path.read_text().splitlines()
+    for k, row in enumerate(rows[1:25], start=1):
+        number, x, y, z = row.split(", ")
+        x, y = turn @ (float(x), float(y))
+        rows[k] = f"{number}, {x}, {y}, {z}"
+    path.write_text("\n".join(rows) + "\n")
+    code, output = invoke("start", path)
+    assert code == 0 and "SYMMETRY_TURNED: a plane of symmetry across no axis" in output
+
+
+def test_a_check_takes_the_sides_of_a_section_and_springs_as_used(tmp_path):
+    """The section doubles nodes on purpose, and springs act though their ground stays."""
+    invoke("start", column(tmp_path))
+    _, output = invoke("check", tmp_path / "column.py")
+    assert "nothing names" not in output and "falls apart" not in output and "does nothing" not in output
+    assert "body 'BOLT' is made of 2 pieces" in output and "hold every body" in output
