@@ -356,6 +356,18 @@ class ContactProblem:
         """K for products with tables of which each rank has local rows, (own, k)."""
         return self.spread.matrix(self.own_stiffness)
 
+    @cached_property
+    def following(self) -> tuple[Any, Any] | None:
+        """T and T^T of followers for products with tables of local rows, (own, k); None if no dof follows."""
+        if self.followers is None or self.followers.map is None:
+            return None
+        given = self.followers.map[self.rows], self.followers.transposed(self.rows)
+        return self.spread.matrix(given[0]), self.spread.matrix(given[1])
+
+    def forces_of_rows(self, own: csc_matrix) -> csc_matrix:
+        """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
+        return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
+
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)
