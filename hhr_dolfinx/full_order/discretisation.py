@@ -170,6 +170,7 @@ class Discretisation(DiscreteSpace):
             law=law,
             group=self.group,
             followers=follow if scene.constraints else None,
+            pulled=lifted[0] if scene.constraints and not moduli else None,
         )
 
     def _conditions(
