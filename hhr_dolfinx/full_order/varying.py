@@ -46,7 +46,10 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
 
 
 def with_springs(
-    names: tuple[str, ...], springs: np.ndarray, terms: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...],
+    names: tuple[str, ...],
+    springs: np.ndarray,
+    terms: tuple[csr_matrix, ...],
+    moduli: tuple[Modulus, ...],
     first: int = 0,
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Parts of K and their moduli, with a constant stiffness to ground of each dof of the rows from ``first`` on, (N,)."""
