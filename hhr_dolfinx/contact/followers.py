@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity, vstack
 
 from hhr_dolfinx.group import ALONE, Group
 
@@ -42,10 +42,14 @@ class Followers:
             return columns
         return csc_matrix(self.transposed(rows) @ self._with_followers(csr_matrix(columns), rows, group))
 
+    @property
+    def everywhere(self) -> csr_matrix:
+        """T, (N, N)."""
+        return csr_matrix(identity(self.own.size)) if self.map is None else self.map
+
     def transposed(self, rows: slice = ALL) -> csr_matrix:
         """T^T, (N, N), or local rows of it, (own, N)."""
-        assert self.map is not None
-        return csr_matrix(self.map[:, rows].T)
+        return csr_matrix(self.everywhere[:, rows].T)
 
     def _with_followers(self, own: csr_matrix, rows: slice, group: Group) -> csr_matrix:
         """Local rows of a matrix, (own, k), and those of the followers on all processes, (N, k)."""

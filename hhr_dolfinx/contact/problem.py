@@ -367,10 +367,10 @@ class ContactProblem:
     @cached_property
     def following(self) -> tuple[Any, Any] | None:
         """T and T^T of followers for products with tables of local rows, (own, k); None if no dof follows."""
-        if self.followers is None or self.followers.map is None:
+        if self.followers is None:
             return None
-        given = self.followers.map[self.rows], self.followers.transposed(self.rows)
-        return self.spread.matrix(given[0]), self.spread.matrix(given[1])
+        follow = self.followers
+        return self.spread.matrix(follow.everywhere[self.rows]), self.spread.matrix(follow.transposed(self.rows))
 
     def forces_of_rows(self, own: csc_matrix) -> csc_matrix:
         """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""

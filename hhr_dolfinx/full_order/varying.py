@@ -52,7 +52,7 @@ def with_springs(
     moduli: tuple[Modulus, ...],
     first: int = 0,
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of K and their moduli, with a constant stiffness to ground of each dof of the rows from ``first`` on, (N,)."""
+    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,); rows begin at ``first``."""
     known = terms[0]
     rows = first + np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
     data = np.where(known.indices == rows, springs[rows], 0.0)

@@ -113,6 +113,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.problem = problem
         # with K of all dofs, as if none followed others
         self._meshed = replace(problem, stiffness_terms=gauss.stiffness, followers=None)
+        self._given = None if problem.followers is None else problem.followers.transposed()
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self.operator = gauss.operator
         self.places = gauss.places
@@ -262,9 +263,8 @@ class FullEquilibrium(MeshEquilibrium):
             internal, size = self._ranks.summed(np.stack([internal, size]))
         internal = internal + grounded
         size = size + np.abs(grounded)
-        if self.problem.following is not None:
-            given = self.problem.following[1]
-            internal, size = given @ internal, abs(given) @ size
+        if self._given is not None:
+            internal, size = self._given @ internal, abs(self._given) @ size
         return internal * self.problem.free, size * self.problem.free
 
     def norms(self, residual: np.ndarray) -> np.ndarray:

@@ -48,11 +48,12 @@ class ReducedFlow:
     modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
     lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
     inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs of A, and of those that follow them, (a,)
-    test: Annotated[Floats, "inner", "ell"]  # V as test functions on these dofs, (a, ell)
-    springs: Annotated[Floats, "inner"]  # stiffness to ground of these dofs, (a,)
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
     contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
+    # V as test functions on the inner dofs, (a, ell), if some follow others; None for V on them
+    test: Annotated[Floats, "inner", "ell"] | None = None
+    springs: Annotated[Floats, "inner"] | None = None  # stiffness to ground of the inner dofs, (a,); None without
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
@@ -118,8 +119,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         self.points = flow.points
         self.per_cell = flow.operator.per_cell
         self._pattern = self.operator.pattern()
-        self._test = np.ascontiguousarray(flow.test.T)
-        self._grounded = bool(flow.springs.any())
+        self._test = np.ascontiguousarray((flow.modes[flow.inner] if flow.test is None else flow.test).T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
         self.material = flow.material.moduli_at(parameters.middle)
         self._set_problem(problem)
@@ -174,7 +174,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         """Forces of a stress and of springs on the dofs of test functions, (a,), and the size of their terms."""
         flow = self.flow
         internal, size = (part[flow.inner] for part in self.operator.internal(stress))
-        if not self._grounded:
+        if flow.springs is None:
             return internal, size
         grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
         return internal + grounded, size + np.abs(grounded)

@@ -114,14 +114,14 @@ def test_a_condensed_model_of_tied_halves(law):
 @needs("mortar", "inelastic")
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.filterwarnings("ignore")
-def test_a_reduced_model_of_tied_halves(law):
+def test_a_reduced_model_of_tied_halves(law, tmp_path):
     """It has the error of that of one body: round-off with plasticity, 6 % with creep on a RID of half of the mesh.
 
     Some nodes of the RID follow others.
     """
     wrong = []
-    for scene in (whole(LAWS[law], 12), halves(LAWS[law], hhr.Mortar, 12)):
-        full = hhr.FullOrderModel(scene)
+    for made in (whole(LAWS[law], 12), halves(LAWS[law], hhr.Mortar, 12)):
+        full = hhr.FullOrderModel(made)
         history, reduced = trained(full, PATH, hhr.Recipe.flowing())
         found = reduced.march(PATH, TIGHT)
         if law == "yields":
@@ -131,6 +131,8 @@ def test_a_reduced_model_of_tied_halves(law):
     assert flow.cells.size < 0.6 * len(full.problem.cell_nodes)
     dofs = full.equilibrium.operator.restricted(flow.cells)[1][flow.inner]
     assert full.problem.followers.own[dofs].sum() > 5
+    hhr.save_model(tmp_path / "tied.npz", reduced)
+    close(hhr.load_model(tmp_path / "tied.npz").march(PATH, TIGHT), found, 1e-9)
     assert wrong[1] == pytest.approx(wrong[0], abs=1e-6 * np.abs(history.answers[-1].displacement()).max())
 
 
