@@ -198,10 +198,10 @@ class Scene:
             raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_shapes()
         springs = any(hasattr(load, "stiffness") for load in self.loads)
-        if (self.constraints or springs) and (self.shapes or self.system is not None or self.reader):
+        if (self.constraints or springs) and (self.shapes or self.system is not None):
             raise SceneError(
-                f"scene '{self.name}' has constraints or springs, which are built in for elastic bodies without shapes "
-                "and systems"
+                f"scene '{self.name}' has constraints or springs, which are built in for bodies without shapes and "
+                "systems"
             )
         if self.reader:
             laws_of_scenes(self.reader).check_scene(self)

@@ -6,12 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity, vstack
+
+from hhr_dolfinx.group import ALONE, Group
+
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
 class Followers:
-    """Dofs that follow others: U = T V, where V is zero on them.
+    """Dofs that follow others: U = T V, where V is zero on them; each process has all of T.
 
     Attributes:
         own: followers, (N,) bool.
@@ -32,9 +36,27 @@ class Followers:
         """T V of fields that are zero on the followers, (N, ...)."""
         return fields if self.map is None else self.map @ fields
 
-    def forces(self, columns: csc_matrix) -> csc_matrix:
-        """T^T F of forces, (N, k)."""
-        return columns if self.map is None else csc_matrix(self.map.T @ columns)
+    def forces(self, columns: csc_matrix, rows: slice = ALL, group: Group = ALONE) -> csc_matrix:
+        """T^T F of forces, (N, k), or local rows of it, (own, k), by those of F. Collective."""
+        if self.map is None:
+            return columns
+        return csc_matrix(self.transposed(rows) @ self._with_followers(csr_matrix(columns), rows, group))
+
+    @property
+    def everywhere(self) -> csr_matrix:
+        """T, (N, N)."""
+        return csr_matrix(identity(self.own.size)) if self.map is None else self.map
+
+    def transposed(self, rows: slice = ALL) -> csr_matrix:
+        """T^T, (N, N), or local rows of it, (own, N)."""
+        return csr_matrix(self.everywhere[:, rows].T)
+
+    def _with_followers(self, own: csr_matrix, rows: slice, group: Group) -> csr_matrix:
+        """Local rows of a matrix, (own, k), and those of the followers on all processes, (N, k)."""
+        if group.size == 1:
+            return own
+        every = group.stacked(csr_matrix(diags(self.own[rows].astype(float)) @ own))
+        return csr_matrix(vstack([every[: rows.start], own, every[rows.stop :]]))
 
     def acting(self, rows: csr_matrix) -> csr_matrix:
         """B T of rows, (m, N)."""
@@ -47,18 +69,24 @@ class Followers:
         others = csc_matrix(diags((~self.own).astype(float)) @ lifts)
         return csc_matrix(lifts - others + self.map @ others)
 
-    def of_stiffness(self, parts: Sequence[csr_matrix]) -> tuple[csr_matrix, ...]:
-        """T^T K T of the parts of K, which keep one pattern: products of scipy have no zeros."""
+    def of_stiffness(
+        self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE
+    ) -> tuple[csr_matrix, ...]:
+        """T^T K T, (N, N), or local rows of it, (own, N), by those of the parts of K; parts keep one pattern.
+
+        Products of scipy have no zeros. Collective.
+        """
         if self.map is None:
             return tuple(parts)
         known = parts[0]
         ones = csr_matrix((np.ones(known.nnz), known.indices, known.indptr), shape=known.shape)
-        pattern = csr_matrix(abs(self.map).T @ (ones @ abs(self.map)))
+        given = self.transposed(rows)
+        pattern = csr_matrix(abs(given) @ (self._with_followers(ones, rows, group) @ abs(self.map)))
         pattern.sort_indices()
         keys = _keys(pattern)
         found = []
         for part in parts:
-            made = csr_matrix(self.map.T @ (part @ self.map))
+            made = csr_matrix(given @ (self._with_followers(part, rows, group) @ self.map))
             data = np.zeros(pattern.nnz)
             data[np.searchsorted(keys, _keys(made))] = made.data
             found.append(csr_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape))

@@ -109,6 +109,10 @@ def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
+def _sum(weights: np.ndarray, terms: Sequence[csc_matrix]) -> csc_matrix:
+    return csc_matrix(sum(weight * term for weight, term in zip(weights, terms, strict=True)))
+
+
 class Reshaping(Protocol):
     """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again."""
 
@@ -175,6 +179,8 @@ class ContactProblem:
     group: Group = ALONE  # processes that have some rows each
     # dofs that follow others; they are not free, K, B and loads act through them, and lifts include them
     followers: Followers | None = None
+    # K times the lifts on free dofs, (N, 1 + T), if dofs follow others and K is constant: K of all dofs is not kept
+    pulled: csc_matrix | None = None
 
     @property
     def movable(self) -> np.ndarray:
@@ -241,7 +247,9 @@ class ContactProblem:
         weights = problem.weights(point)
         stiffness = (problem.stiffness_of(weights),)
         loads = problem.loads_of(weights)
-        return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+        pulled = None if problem.followers is None else _sum(weights, problem.lift_terms)
+        constant = {"stiffness_terms": stiffness, "loads": loads, "pulled": pulled}
+        return replace(problem, moduli=(), lift_terms=(), reshaped=None, **constant)
 
     def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
         """Local rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
@@ -356,6 +364,18 @@ class ContactProblem:
         """K for products with tables of which each rank has local rows, (own, k)."""
         return self.spread.matrix(self.own_stiffness)
 
+    @cached_property
+    def following(self) -> tuple[Any, Any] | None:
+        """T and T^T of followers for products with tables of local rows, (own, k); None if no dof follows."""
+        if self.followers is None:
+            return None
+        follow = self.followers
+        return self.spread.matrix(follow.everywhere[self.rows]), self.spread.matrix(follow.transposed(self.rows))
+
+    def forces_of_rows(self, own: csc_matrix) -> csc_matrix:
+        """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
+        return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
+
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)
@@ -396,6 +416,10 @@ class ContactProblem:
     @cached_property
     def external(self) -> csc_matrix:
         """F on free dofs, which is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
+        if self.followers is not None:
+            pulls = self.pulls
+            found = csr_matrix(self.loads + pulls)
+            return csc_matrix(found.multiply(abs(found) > ROUND_OFF_OF_MOTIONS * (abs(self.loads) + abs(pulls))))
         lifts = csc_matrix(self.lifts)
         pulled = np.unique(lifts.indices)  # few columns of K: it is large
         own = self.own_stiffness[:, pulled]
@@ -403,6 +427,13 @@ class ContactProblem:
         held, sizes = (self.from_rows(csr_matrix(part)) for part in (own @ moving, abs(own) @ abs(moving)))
         forces = csr_matrix(self.loads + masked(csc_matrix(held), self.free))
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
+
+    @property
+    def pulls(self) -> csc_matrix:
+        """Local rows of K times the lifts, (own, 1 + T); if dofs follow others, on free dofs of all rows."""
+        if self.followers is None:
+            return csc_matrix(self.own_stiffness @ self.lifts)
+        return _sum(self.weights(self.middle), self.lift_terms) if self.moduli else self.pulled
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""

@@ -161,7 +161,8 @@ class SparseStiffness(Stiffness):
         self._store = store
         self._spread = problem.spread
         self._idle = None if problem.kernel is None else problem.kernel.idle[problem.rows]
-        self._follow = None if problem.followers is None else problem.followers.map
+        self._follow = problem.following
+        self._acting = problem.forces_of_rows
         self._components = components
         self._response = response
         self._keeps = keeps
@@ -178,7 +179,7 @@ class SparseStiffness(Stiffness):
         """See :class:`Stiffness`."""
         idle = self._idle
         if self._follow is not None:
-            return self._follow @ self._store.solve(self.matrix, self._follow.T @ rhs)
+            return self._follow[0] @ self._store.solve(self.matrix, self._follow[1] @ rhs)
         if idle is None:
             return self._store.solve(self.matrix, rhs)
         return self._without(idle, self._store.solve(self.matrix, self._without(idle, rhs)))
@@ -187,7 +188,7 @@ class SparseStiffness(Stiffness):
         """See :class:`Stiffness`."""
         with self._store.of(self.matrix) as factors:
             if self._follow is not None:
-                return self._follow @ factors.solve_columns(csc_matrix(self._follow.T @ rhs))
+                return self._follow[0] @ factors.solve_columns(self._acting(rhs))
             found = factors.solve_columns(rhs)
             idle = self._idle
             if idle is None or not idle.shape[1]:

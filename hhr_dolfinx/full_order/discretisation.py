@@ -70,20 +70,15 @@ class Discretisation(DiscreteSpace):
         from hhr_dolfinx.full_order.varying import stiffness_terms, with_springs
 
         found = stiffness_terms(self) if uneven else ((self.own_rows(self.assemble_stiffness()),), ())
-        return found if self.springs is None else with_springs(self.scene.parameters.names, self.springs, *found)
+        names = self.scene.parameters.names
+        return found if self.springs is None else with_springs(names, self.springs, *found, self.rows.start)
 
     @cached_property
     def springs(self) -> np.ndarray | None:
-        """Stiffness to ground of each dof, (N,), by loads that resist; None without.
-
-        Raises:
-            NotOfferedError: on several ranks.
-        """
+        """Stiffness to ground of each dof, (N,), by loads that resist; None without."""
         resisting = [load for load in self.scene.loads if hasattr(load, "stiffness")]
         if not resisting:
             return None
-        if self.group.size > 1:
-            raise self._serial("springs")
         return np.sum([load.stiffness(self.assembler(load)) for load in resisting], axis=0)
 
     def assemble_stiffness(self) -> PETSc.Mat:
@@ -153,7 +148,7 @@ class Discretisation(DiscreteSpace):
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
-            stiffness_terms=follow.of_stiffness(stiffness),
+            stiffness_terms=follow.of_stiffness(stiffness, self.rows, self.group),
             moduli=moduli,
             lift_terms=tuple(lifted) if moduli else (),
             node_mass=self._node_mass(),
@@ -175,6 +170,7 @@ class Discretisation(DiscreteSpace):
             law=law,
             group=self.group,
             followers=follow if scene.constraints else None,
+            pulled=lifted[0] if scene.constraints and not moduli else None,
         )
 
     def _conditions(
@@ -201,17 +197,12 @@ class Discretisation(DiscreteSpace):
         return rows, pairs, gaps, law
 
     def _constrained(self, free: np.ndarray, imposed: list[Term]) -> tuple[Followers, list[Term]]:
-        """Followers of the constraints, and lifts of their values; NotOfferedError on several ranks."""
+        """Followers of the constraints, and lifts of their values."""
         if not self.scene.constraints:
             return Followers.nobody(self.size), []
-        if self.group.size > 1:
-            raise self._serial("constraints")
         from hhr_dolfinx.full_order.constraints import followers_of
 
         return followers_of(self.scene, self.assembler, self._cell_nodes(), free, imposed)
-
-    def _serial(self, what: str) -> NotOfferedError:
-        return NotOfferedError(f"{what}, of scene '{self.scene.name}', are not built in for several processes")
 
     def _node_mass(self) -> csr_matrix:
         """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""

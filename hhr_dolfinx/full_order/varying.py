@@ -46,11 +46,15 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
 
 
 def with_springs(
-    names: tuple[str, ...], springs: np.ndarray, terms: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...]
+    names: tuple[str, ...],
+    springs: np.ndarray,
+    terms: tuple[csr_matrix, ...],
+    moduli: tuple[Modulus, ...],
+    first: int = 0,
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,)."""
+    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,); rows begin at ``first``."""
     known = terms[0]
-    rows = np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
+    rows = first + np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
     data = np.where(known.indices == rows, springs[rows], 0.0)
     if not moduli:
         return (csr_matrix((known.data + data, known.indices, known.indptr), shape=known.shape),), ()

@@ -490,7 +490,7 @@ class _FieldModes:
         stress = np.zeros(elastic.shape[:2])
         for column, mode in zip(forces.T, plastic.T, strict=True):
             stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
-            column[:] = equilibrium.operator.internal(stress)[0] * problem.free
+            column[:] = equilibrium.internal(stress)[0]
         displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, bodies, kinds)

@@ -63,7 +63,7 @@ def _eigenforces(full: FullModel) -> csc_matrix:
     forces = np.zeros(problem.loads.shape)
     for term in np.flatnonzero(np.diff(equilibrium.eigenstrains.indptr)):
         strain = equilibrium.eigenstrains[:, [term]].toarray().reshape(len(elastic), -1)
-        forces[:, term] = equilibrium.operator.internal(np.einsum("nij,nj->ni", elastic, strain))[0] * problem.free
+        forces[:, term] = equilibrium.internal(np.einsum("nij,nj->ni", elastic, strain))[0]
     return csc_matrix(forces)
 
 
@@ -72,6 +72,8 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
     acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
+    if problem.followers is not None:
+        acting = (abs(problem.followers.everywhere) @ acting.T).T > 0
     if (acting.sum(axis=0) > 1).any():
         raise ReductionError(
             "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "

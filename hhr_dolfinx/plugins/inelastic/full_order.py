@@ -21,6 +21,7 @@ from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseSt
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.varying import with_springs
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
@@ -110,6 +111,10 @@ class FullEquilibrium(MeshEquilibrium):
         problem = full.problem
         self.fields = self._full = full
         self.problem = problem
+        # with K of all dofs, as if none followed others
+        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, followers=None)
+        self._given = None if problem.followers is None else problem.followers.transposed()
+        self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self.operator = gauss.operator
         self.places = gauss.places
         self.mises = partial(mises, gauss.operator)
@@ -145,7 +150,7 @@ class FullEquilibrium(MeshEquilibrium):
         """Set the elasticity of the middle of the box; the material keeps its formulas."""
         full = self._full
         self.material = material.moduli_at(self.problem.middle)
-        self._set_stiffness(self.problem.own_stiffness)
+        self._set_stiffness(self._meshed.own_stiffness)
         self.elastic = self._linearisation(full.stiffness, self._response_to_forces, self._unchanged.tangents)
         self.material = material
 
@@ -199,11 +204,10 @@ class FullEquilibrium(MeshEquilibrium):
         divided by the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
         """
         full = self._full
-        stiffness = self.problem.combined(weights)
-        self._set_stiffness(stiffness)
+        self._set_stiffness(self._meshed.combined(weights))
         tangents = self._unchanged.tangents
         if full.system.bodies is None:
-            self.elastic = self._lazy(stiffness, full.store, tangents)
+            self.elastic = self._lazy(self.problem.combined(weights), full.store, tangents)
             return
         scaled = full.system.stiffness(point)
         assert isinstance(scaled, ScaledStiffness)
@@ -248,11 +252,20 @@ class FullEquilibrium(MeshEquilibrium):
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of their terms in each body."""
         loads = self.problem.external @ theta
-        internal, size = self.operator.internal(gauss.stress)
+        grounded = 0.0 if self.springs is None else self.springs * (x + self.lifts @ theta)
+        internal, size = self.internal(gauss.stress, grounded)
+        return loads - internal, self.norms(np.abs(loads) + size)
+
+    def internal(self, stress: np.ndarray, grounded: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of a stress, and of springs, on free dofs, those on followers included; the size of their terms."""
+        internal, size = self.operator.internal(stress)
         if self._ranks is not None:
             internal, size = self._ranks.summed(np.stack([internal, size]))
-        free = self.problem.free
-        return loads - internal * free, self.norms(np.abs(loads) + size * free)
+        internal = internal + grounded
+        size = size + np.abs(grounded)
+        if self._given is not None:
+            internal, size = self._given @ internal, abs(self._given) @ size
+        return internal * self.problem.free, size * self.problem.free
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual on the dofs of each body, (bodies,)."""
@@ -262,11 +275,13 @@ class FullEquilibrium(MeshEquilibrium):
         """K_T of consistent tangents at all Gauss points, (N, N)."""
         elastic = self._unchanged
         if self._ranks is None:
-            return self.operator.stiffness(tangents, self._pattern, elastic)
-        nothing = ElasticPart(elastic.tangents, np.zeros_like(elastic.data))
-        found = self.operator.stiffness(tangents, self._pattern, nothing)
-        found.data = elastic.data + self._ranks.summed(found.data)
-        return found
+            found = self.operator.stiffness(tangents, self._pattern, elastic)
+        else:
+            nothing = ElasticPart(elastic.tangents, np.zeros_like(elastic.data))
+            found = self.operator.stiffness(tangents, self._pattern, nothing)
+            found.data = elastic.data + self._ranks.summed(found.data)
+        follow = self.problem.followers
+        return found if follow is None else follow.of_stiffness([found])[0]
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""
@@ -301,4 +316,6 @@ def bodies_of(scene: Scene) -> GaussModel:
     material = material_at(discretisation, bodies, operator)
     pattern = operator.pattern()
     parts = stiffness_parts(material, operator, pattern)
+    if discretisation.springs is not None:
+        parts = with_springs(scene.parameters.names, discretisation.springs, *parts)
     return GaussModel(discretisation, operator, material, bodies, pattern, *parts)

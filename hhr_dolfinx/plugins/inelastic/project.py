@@ -60,7 +60,12 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     operator = full.operator
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
-    # cells of the RID without a dof of A act on no test function
+    test = None
+    if problem.followers is not None:  # test functions are non-zero on dofs that follow those of A, too
+        follow = problem.followers.everywhere[:, sets.A]
+        inside = np.diff(follow.indptr) > 0
+        test = follow[inside] @ basis[sets.A]
+    # cells of the RID without such a dof act on no test function
     cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
     inner = np.flatnonzero(inside[columns])
@@ -72,6 +77,8 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         modes=np.ascontiguousarray(basis[columns]),
         lifts=problem.lifts[columns],
         inner=inner,
+        test=test,
+        springs=None if full.springs is None else full.springs[acting],
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
         eigenstrains=csc_matrix(full.eigenstrains.tocsr()[rows_of(operator.points_of(cells), operator.components)]),

@@ -47,10 +47,13 @@ class ReducedFlow:
     cells: Annotated[Integers, "cells"]  # numbers of these cells in the full model
     modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
     lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
-    inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs that belong to A, (a,)
+    inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs of A, and of those that follow them, (a,)
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
     contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
+    # V as test functions on the inner dofs, (a, ell), if some follow others; None for V on them
+    test: Annotated[Floats, "inner", "ell"] | None = None
+    springs: Annotated[Floats, "inner"] | None = None  # stiffness to ground of the inner dofs, (a,); None without
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
@@ -116,7 +119,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         self.points = flow.points
         self.per_cell = flow.operator.per_cell
         self._pattern = self.operator.pattern()
-        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
+        self._test = np.ascontiguousarray((flow.modes[flow.inner] if flow.test is None else flow.test).T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
         self.material = flow.material.moduli_at(parameters.middle)
         self._set_problem(problem)
@@ -164,9 +167,17 @@ class ReducedEquilibrium(MeshEquilibrium):
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
         loads = self._external @ theta
-        internal, size = self.operator.internal(gauss.stress)
-        inner = self.flow.inner
-        return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
+        internal, size = self._internal(x, gauss.stress, theta)
+        return loads - self._test @ internal, self.norms(loads) + self.norms(size)
+
+    def _internal(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of a stress and of springs on the dofs of test functions, (a,), and the size of their terms."""
+        flow = self.flow
+        internal, size = (part[flow.inner] for part in self.operator.internal(stress))
+        if flow.springs is None:
+            return internal, size
+        grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
+        return internal + grounded, size + np.abs(grounded)
 
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
@@ -175,13 +186,12 @@ class ReducedEquilibrium(MeshEquilibrium):
         modes.
         """
         theta = self.amplitudes(answer.parameter)
-        inner = self.flow.inner
         loads = self.flow.loads @ theta
-        internal, sizes = self.operator.internal(gauss_of(answer).stress)
+        internal, sizes = self._internal(answer.unknown, gauss_of(answer).stress, theta)
         contact = self.flow.contact @ answer.multipliers
-        size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
+        size = np.linalg.norm(loads) + np.linalg.norm(sizes) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
-        left = float(np.linalg.norm(loads - internal[inner] - contact))
+        left = float(np.linalg.norm(loads - internal - contact))
         flow: FlowFields | None = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
         return Signs(left, float(size), depth, misfit=misfit, stress=stress)

@@ -246,5 +246,5 @@ def test_a_tie_of_nodes_and_mistakes():
         hhr.Tie(3, 3)
     with pytest.raises(SceneError, match="must be an integer or a name"):
         hhr.Tie(None, 3)
-    with pytest.raises(SceneError, match="without shapes"):
-        replace(scene, bodies=(scene.bodies[0], hhr.Body(2, 100.0, 0.3, hhr.Plasticity(1.0))))
+    with pytest.raises(SceneError, match="without shapes and systems"):
+        replace(scene, system=lambda *_: None)

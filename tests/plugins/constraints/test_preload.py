@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, SceneError
@@ -75,6 +76,22 @@ def test_a_bolt_pushed_apart_presses_the_plate(order, tmp_path):
         found = model.solve(0.8).outputs()
         assert abs(found["plate"]) == pytest.approx(YOUNG * AREA * (0.008 - 0.002) / LENGTH, rel=1e-6)
         assert model.solve(0.15).outputs()["plate"] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:kappa")
+@needs("moduli")
+def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
+    """The force on the plate is E A (δ - gap) / L for any E, also with the modulus of a spring beside it."""
+    path = column(tmp_path / "bolt.inp")
+    varied = {"parameters": hhr.ParameterSpace(("p", "E"), (0.1, 500.0), (1.0, 2000.0))}
+    made = scene(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002)
+    made = replace(made, bodies=(hhr.Body("BOLT", young="E", poisson=0.3),), **varied)
+    for loads, spring in (((), 0.0), ((hhr.Springs("HEAD", 2, 50.0, bedding=True),), 50.0)):
+        training = hhr.train(replace(made, loads=loads), hhr.Sobol(8), held_out=2)
+        for model in (training.full_order, training.condense(), training.build()):
+            for young in (700.0, 1900.0):
+                plate = young * AREA * (0.008 - 0.002) / LENGTH - spring * 0.002
+                assert abs(model.solve([0.8, young]).outputs()["plate"]) == pytest.approx(plate, rel=1e-6)
 
 
 def test_a_force_draws_the_sides_together(tmp_path):

@@ -1,0 +1,120 @@
+"""Constraints, preload and springs on several ranks: the same numbers as on one."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bare import SCENE_FOLDERS
+from launched import launch
+from needs import needs, present
+
+HERE = str(Path(__file__).parent)
+
+PROGRAM = """
+import json, sys
+from pathlib import Path
+sys.path[:0] = {folders!r}
+import numpy as np
+import hhr_dolfinx as hhr
+from dataclasses import replace
+from hhr_dolfinx.geometries import block
+from test_constraints import TOP, pressed, tied
+from test_preload import column, scene as bolt
+from mpi4py import MPI
+comm = MPI.COMM_WORLD
+out = {{}}
+
+def note(name, model, point):
+    answer = model.solve(point)
+    points = model.full.problem.points.round(9)
+    u = answer.displacement().reshape(points.shape)
+    # nodes of both sides of a surface have one place
+    ordered = [np.lexsort((part, *points.T)) for part in u.T]
+    out[name + ", displacement"] = [part[order].tolist() for part, order in zip(u.T, ordered)]
+    out[name + ", forces"] = answer.forces().tolist()
+    return answer
+
+ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
+half = hhr.Nodes(lambda x: np.isclose(x[1], 1) & (x[0] < 0.3))
+soft = tuple(hhr.Body(tag, young=young, poisson=0.3) for tag, young in ((1, "E"), (2, 100.0)))
+box = {{"p": (0.1, 1.0), "E": (50.0, 200.0)}}
+path = column(Path({folder!r}) / f"bolt {{comm.size}} {{comm.rank}}.inp")
+near = hhr.Obstacle(block.side(0, upper=True), (1, 0), 1.0)
+grounded = pressed(loads=(hhr.Pressure(TOP, "p"), hhr.Springs(TOP, 1, 30.0, "0.01 * p", bedding=True)))
+loads = hhr.BoltForce("CUT", "-5 * p"), hhr.Springs("HEAD", 2, 50.0, bedding=True)
+scenes = {{
+    "tied": (tied(wall=1.0005, pairing=hhr.NodeToSurface), [0.9]),
+    "tied, modulus": (tied(wall=1.0005, box=box, bodies=soft, pairing=hhr.NodeToSurface), [0.9, 150.0]),
+    "equation": (pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -2.0)), "0.002 * p"),)), [0.7]),
+    "rigid": (pressed((hhr.RigidMotion(TOP),), loads=(hhr.NodalForce(half, (0.0, -0.4), "p"),)), [0.7]),
+    "mean": (pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), [0.7]),
+    "preload": (bolt(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002), [0.8]),
+    "force": (bolt(path, (hhr.ForcedSection("CUT"),), loads), [0.8]),
+    "springs": (grounded, [0.9]),
+    "springs, modulus": (replace(grounded, bodies=(hhr.Body(block.SOLID, "E", 0.3),),
+                                 parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values()))), [0.9, 70.0]),
+}}
+for name, (scene, point) in scenes.items():
+    if scene.name == "bolt" and comm.size > 2:  # three cells are too few for three ranks
+        continue
+    scene = replace(scene, contacts=(near,)) if scene.name == "pressed" else scene
+    full = hhr.FullOrderModel(scene)
+    answer = note(name, full, point)
+    out[name + ", stress"] = float(np.linalg.norm(answer.stress()))
+    out[name + ", outputs"] = [float(value) for value in answer.outputs().values.values()] if scene.outputs else []
+    problem = full.problem
+    if name in ("tied", "preload", "springs"):
+        whole = problem.gathered(comm)
+        out[name + ", entries"] = [whole.stiffness.nnz, float(abs(whole.stiffness).sum())]
+        assert len(problem.bodies) == 1
+        note(name + ", gathered", full.gathered(), point)
+    if name in ("tied, modulus", "equation", "preload", "springs"):
+        training = hhr.train(scene, hhr.Sobol(8), held_out=2, together=True)
+        for kind, model in (("condensed", training.condense()), ("reduced", training.build())):
+            out[f"{{name}}, {{kind}}"] = model.solve(point).forces().tolist()
+    if followers := problem.followers:
+        u = full.solve(point).displacement() - problem.lifts @ problem.theta(point).values
+        assert np.abs(followers.broken(u[:, None])).max() < 1e-12
+    if comm.size > 1:
+        assert not problem.whole
+yielding = tied(wall=1.0005, pairing=hhr.NodeToSurface, bodies=[
+    hhr.Body(tag, 100.0, 0.3, law) for tag, law in ((1, hhr.Plasticity(0.5, 20.0)), (2, hhr.Norton(3.0, 3.0)))])
+yielding = replace(yielding, bodies=tuple(yielding.bodies), loads=(*yielding.loads, hhr.Springs(200 + TOP, 1, 3.0)))
+for search in ("elastic", "tangent") if {laws} else ():
+    last = hhr.FullOrderModel(yielding).march([(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0))],
+                                              hhr.MarchSettings(search=search)).answers[-1]
+    out["laws, forces " + search] = last.forces().tolist()
+    out["laws, flowed " + search] = float(np.linalg.norm(last.plastic_strain()))
+if comm.rank == 0:
+    print(json.dumps(out))
+"""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = str(tmp_path_factory.mktemp("decks"))
+    program = PROGRAM.format(laws=present("inelastic"), folders=[*SCENE_FOLDERS, HERE], folder=folder)
+    known = {}
+
+    def on(ranks):
+        if ranks not in known:
+            known[ranks] = json.loads(launch(ranks, ["-c", program]).splitlines()[-1])
+        return known[ranks]
+
+    return on
+
+
+@needs("nonmatching", "moduli", "places")
+@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_ranks_do_not_change_constrained_answers(found, ranks):
+    """Round-off only: 1e-10, as factors order their sums in another way; 3e-6 between RIDs of other node numbers."""
+    serial, parallel = found(1), found(ranks)
+    assert {name for name in serial if ranks == 2 or not name.startswith(("preload", "force"))} == parallel.keys()
+    for name in parallel:
+        value = serial[name]
+        size = np.abs(np.concatenate([np.ravel(value), [0.0]])).max()
+        near = 1e-5 if "reduced" in name else 1e-10
+        assert np.ravel(parallel[name]) == pytest.approx(np.ravel(value), rel=near, abs=near * size), name
+    assert all(max(value) > 0 for name, value in serial.items() if name.endswith("forces"))
+    assert not present("inelastic") or min(serial["laws, flowed elastic"], serial["laws, flowed tangent"]) > 1e-3
