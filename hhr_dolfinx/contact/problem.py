@@ -175,6 +175,9 @@ class ContactProblem:
     group: Group = ALONE  # processes that have some rows each
     # dofs that follow others; they are not free, K, B and loads act through them, and lifts include them
     followers: Followers | None = None
+    # each part of K before followers are eliminated, times the lifts, (N, 1 + T) each: values of equations act through
+    # rows and columns that T^T K T lacks; empty without followers
+    pulled: tuple[csc_matrix, ...] = ()
 
     @property
     def movable(self) -> np.ndarray:
@@ -241,7 +244,11 @@ class ContactProblem:
         weights = problem.weights(point)
         stiffness = (problem.stiffness_of(weights),)
         loads = problem.loads_of(weights)
-        return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+        pulled = (csc_matrix(sum(w * part for w, part in zip(weights, problem.pulled, strict=True))),) * bool(
+            problem.pulled
+        )
+        whole = {"stiffness_terms": stiffness, "moduli": (), "lift_terms": (), "reshaped": None, "pulled": pulled}
+        return replace(problem, loads=loads, **whole)
 
     def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
         """Local rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
@@ -401,8 +408,19 @@ class ContactProblem:
         own = self.own_stiffness[:, pulled]
         moving = csr_matrix(lifts)[pulled]
         held, sizes = (self.from_rows(csr_matrix(part)) for part in (own @ moving, abs(own) @ abs(moving)))
+        if self.pulled:
+            held = self.drawn
         forces = csr_matrix(self.loads + masked(csc_matrix(held), self.free))
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
+
+    @property
+    def drawn(self) -> csc_matrix:
+        """K times the lifts, of which followers pass on what acts on them, sparse, local rows, (own, 1 + T)."""
+        if not self.pulled:
+            return csc_matrix(self.own_stiffness @ self.lifts)
+        assert self.followers is not None
+        weights = self.weights(self.middle) if self.moduli else np.ones(len(self.pulled))
+        return self.followers.forces(csc_matrix(sum(w * part for w, part in zip(weights, self.pulled, strict=True))))
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""

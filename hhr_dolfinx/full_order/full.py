@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
@@ -97,6 +97,8 @@ class FullOrderModel(FullModel):
         """
         self.discretisation = discretisation
         problem = discretisation.contact_problem(stiffness, moduli)
+        if problem.followers is not None:
+            problem = replace(problem, pulled=tuple(strained(part, problem.lifts) for part in stiffness))
         if discretisation.reshaped is not None:
             problem = discretisation.reshaped.attached(problem)
         self.problem = problem = discretisation.checked(problem)

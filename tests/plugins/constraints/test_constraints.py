@@ -248,3 +248,28 @@ def test_a_tie_of_nodes_and_mistakes():
         hhr.Tie(None, 3)
     with pytest.raises(SceneError, match="without shapes"):
         replace(scene, bodies=(scene.bodies[0], hhr.Body(2, 100.0, 0.3, hhr.Plasticity(1.0))))
+
+
+def imposed_twice(young, box):
+    """The lid pressed down by a displacement, and the same by equations of one term: scenes with one answer."""
+    outputs = hhr.ElasticEnergy("energy"), hhr.ContactForce("wall", 0, (1.0, 0.0))
+    one = pressed((), (hhr.Displacement(LEFT, 0), hhr.Displacement(TOP, 1, "-0.01 * p")), (), outputs=outputs)
+    other = pressed((hhr.Equation(((TOP, 1, 1.0),), "-0.01 * p"),), loads=(), outputs=outputs)
+    bodies = (hhr.Body(block.SOLID, young, 0.3),)
+    return [replace(scene, parameters=space(**box), bodies=bodies) for scene in (one, other)]
+
+
+@needs("stress", "moduli")
+@pytest.mark.parametrize("young", [100.0, "E", "E + 20 * p"])
+def test_values_of_equations_act_as_imposed_displacements(young):
+    """In condensed models with moduli as parameters, and in the elastic energy, 0.01 p imposed either way."""
+    box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
+    known, found = (hhr.FullOrderModel(scene) for scene in imposed_twice(young, box))
+    point = [0.9, 190.0][: len(box)]
+    exact = known.solve(point)
+    assert exact.forces().max() > 0
+    for model in (found, hhr.condense(found, fields=True)):
+        answer = model.solve(point)
+        assert answer.forces() == pytest.approx(exact.forces(), abs=1e-6 * exact.forces().max())
+        assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-8)
+        assert answer.outputs()["energy"] == pytest.approx(exact.outputs()["energy"], rel=1e-6)
