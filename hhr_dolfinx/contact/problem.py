@@ -244,11 +244,10 @@ class ContactProblem:
         weights = problem.weights(point)
         stiffness = (problem.stiffness_of(weights),)
         loads = problem.loads_of(weights)
-        pulled = (csc_matrix(sum(w * part for w, part in zip(weights, problem.pulled, strict=True))),) * bool(
-            problem.pulled
-        )
-        whole = {"stiffness_terms": stiffness, "moduli": (), "lift_terms": (), "reshaped": None, "pulled": pulled}
-        return replace(problem, loads=loads, **whole)
+        parts = zip(weights, problem.pulled, strict=True) if problem.pulled else ()
+        pulled = (csc_matrix(sum(w * part for w, part in parts)),) if problem.pulled else ()
+        problem = replace(problem, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+        return replace(problem, stiffness_terms=stiffness, pulled=pulled)
 
     def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
         """Local rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
@@ -414,13 +413,17 @@ class ContactProblem:
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
 
     @property
-    def drawn(self) -> csc_matrix:
-        """K times the lifts, of which followers pass on what acts on them, sparse, local rows, (own, 1 + T)."""
+    def lifted(self) -> csc_matrix:
+        """K of all dofs, followers too, times the lifts, sparse, local rows, (own, 1 + T)."""
         if not self.pulled:
             return csc_matrix(self.own_stiffness @ self.lifts)
-        assert self.followers is not None
         weights = self.weights(self.middle) if self.moduli else np.ones(len(self.pulled))
-        return self.followers.forces(csc_matrix(sum(w * part for w, part in zip(weights, self.pulled, strict=True))))
+        return csc_matrix(sum(w * part for w, part in zip(weights, self.pulled, strict=True)))
+
+    @property
+    def drawn(self) -> csc_matrix:
+        """The same forces, of which followers pass on theirs."""
+        return self.lifted if self.followers is None else self.followers.forces(self.lifted)
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""

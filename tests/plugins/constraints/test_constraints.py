@@ -273,3 +273,21 @@ def test_values_of_equations_act_as_imposed_displacements(young):
         assert answer.forces() == pytest.approx(exact.forces(), abs=1e-6 * exact.forces().max())
         assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-8)
         assert answer.outputs()["energy"] == pytest.approx(exact.outputs()["energy"], rel=1e-6)
+
+
+@needs("stress", "moduli", "differences")
+@pytest.mark.parametrize("young", [100.0, "E"])
+def test_relative_estimates_are_over_the_energy_of_the_exact_answer(young):
+    """|u|_K is twice the elastic energy, rooted, also of what values of equations strain."""
+    box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
+    mean = hhr.MeanMotion(TOP, 0, "0.004 * p")
+    scene = imposed_twice(young, box)[1]
+    scene = replace(scene, constraints=(*scene.constraints, mean), loads=(hhr.Pressure(RIGHT, "p"),))
+    training = hhr.train(scene, hhr.Sobol(8), held_out=2)
+    point = [0.9, 190.0][: len(box)]
+    size = np.sqrt(2 * training.full_order.solve(point).outputs()["energy"])
+    estimate = training.build().solve(point).estimate()
+    # sizes of relative bounds are lower bounds of that of the exact answer, a little below where K varies
+    assert (
+        size * (0.98 if young == "E" else 1 - 1e-6) <= estimate.primal / estimate.primal_relative <= size * (1 + 1e-6)
+    )
