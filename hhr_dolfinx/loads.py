@@ -59,6 +59,7 @@ class Assembler:
     # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
     # of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
+    free: np.ndarray | None = None  # dofs that are not imposed, (N,) bool, for constraints
 
 
 class Load(Protocol):

@@ -7,7 +7,7 @@ the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F. 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -78,7 +78,7 @@ def followers_of(
     """
     found = []
     for item in scene.constraints:
-        given = item.equations(assembler(item))
+        given = item.equations(replace(assembler(item), free=free))
         part, left_out = _without_imposed(given, free)
         _check_kept(scene, item, given, left_out, imposed)
         found.append((bound(item.amplitude, scene.parameters), part))
@@ -122,8 +122,9 @@ def _check_kept(scene: Scene, item: Constraint, given: Equations, kept: np.ndarr
     terms = [*straight, *curved]
     amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
     sides = placed(terms, 1, (own.values.size, 1 + len(terms)))
-    # relative to all of the constraint: a normal has components of round-off
-    size = max(np.abs(given.values).max(initial=0.0), abs(sides).max() if sides.nnz else 0.0)
+    # relative to all of the constraint: a normal has components of round-off, and products of rows cancel
+    parts = [abs(own.rows) @ abs(one.columns) for one in imposed]
+    size = max(np.abs(given.values).max(initial=0.0), *(part.max() for part in parts if part.nnz), 0.0)
     for point in box_samples(scene.parameters, TRIED) if own.values.size else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():

@@ -137,6 +137,15 @@ class MeanMotion:
         return equations_of([entries], dofs[[weights.argmax()]], assembler.size, np.ones(1))
 
 
+def _leading(motions: np.ndarray, first: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """Dofs from which motions, (k, n), follow, the best of all: given ones, then some of a mask, (n,)."""
+    basis = np.linalg.qr(motions[:, first])[0]
+    left = np.where(among, motions - basis @ (basis.T @ motions), 0.0)
+    _, triangle, order = qr(left, mode="economic", pivoting=True)
+    count = int((np.abs(np.diag(triangle)) > 1e-9 * np.abs(motions).max()).sum())
+    return np.append(first, order[:count])
+
+
 @dataclass(frozen=True)
 class RigidMotion:
     """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its nodes then move.
@@ -158,13 +167,14 @@ class RigidMotion:
         if len(points) < 2 or assembler.hypothesis == "axisymmetric":
             raise SceneError(f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric")
         motions = rigid_motions(points, assembler.hypothesis).reshape(-1, points.size)
-        # dofs that the motions follow from are the best of all; the others follow these
-        _, triangle, order = qr(motions, mode="economic", pivoting=True)
-        rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
-        leading = order[:rank]
-        rest = order[rank:]
-        follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
         dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
+        leading = _leading(motions, np.zeros(0, dtype=int), ~assembler.free[dofs])
+        leading = _leading(motions, leading, np.ones(dofs.size, dtype=bool))
+        rank = leading.size
+        rest = np.setdiff1d(np.arange(dofs.size), leading)
+        follows = np.linalg.lstsq(motions[:, leading], motions[:, rest], rcond=None)[0]
+        # imposed dofs follow from imposed ones alone
+        follows[np.abs(follows) < 1e-12] = 0.0
         count = rest.size
         entries: list[Any] = [(np.ones(count), np.arange(count), dofs[rest])]
         entries += [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]

@@ -291,3 +291,40 @@ def test_relative_estimates_are_over_the_energy_of_the_exact_answer(young):
     assert (
         size * (0.98 if young == "E" else 1 - 1e-6) <= estimate.primal / estimate.primal_relative <= size * (1 + 1e-6)
     )
+
+
+def test_a_rigid_lid_on_a_hinge():
+    """One edge of a rigid lid is held: it turns about it, as by equations, u_z = x times that of the far corner."""
+    lid, foot = block.side(2, upper=True), block.side(2, upper=False)
+    far = hhr.Nodes.near((1.0, 0.0, 1.0))
+    line = {x: hhr.Nodes(lambda y, x=x: np.isclose(y[0], x) & np.isclose(y[2], 1)) for x in (0.0, 0.5, 1.0)}
+    rest = hhr.Nodes(lambda y: np.isclose(y[0], 1) & np.isclose(y[2], 1) & (y[1] > 0.1))
+    plain = block_scene(
+        "hinge",
+        {"p": (0.1, 1.0)},
+        lower=(0, 0, 0),
+        upper=(1, 1, 1),
+        cells=(2, 2, 2),
+        hypothesis="solid",
+        contacts=(hhr.Obstacle(RIGHT, (1, 0, 0), 1.001),),
+        displacements=(*hhr.Displacement.clamp(foot, 3), *hhr.Displacement.clamp(line[0.0], 3)),
+        loads=(hhr.Pressure(lid, "p"),),
+    )
+    rigid = replace(plain, constraints=(hhr.RigidMotion(lid),))
+    sides = tuple(hhr.Displacement(line[x], k) for x in (0.5, 1.0) for k in (0, 1))
+    turns = tuple(hhr.Equation(((place, 2, 1.0), (far, 2, -x))) for place, x in ((line[0.5], 0.5), (rest, 1.0)))
+    by_hand = replace(plain, displacements=(*plain.displacements, *sides), constraints=turns)
+    found, known = (hhr.FullOrderModel(scene).solve(0.7).displacement() for scene in (rigid, by_hand))
+    assert np.abs(known).max() > 0.1
+    assert found == pytest.approx(known, abs=1e-11)
+
+
+def test_a_rigid_lid_that_is_pressed_down_by_a_displacement():
+    """Its equations between imposed displacements hold to round-off, which breaks nothing."""
+    down = hhr.Displacement(TOP, 1, "-0.01 * p")
+    scene = pressed((hhr.RigidMotion(TOP),), (hhr.Displacement(LEFT, 0), down), loads=(), cells=(7, 3))
+    full = hhr.FullOrderModel(scene)
+    lid = np.isclose(full.problem.points[:, 1], 1.0)
+    assert full.solve(0.7).displacement().reshape(-1, 2)[lid] == pytest.approx(
+        np.tile([0.0, -0.007], (8, 1)), abs=1e-15
+    )
