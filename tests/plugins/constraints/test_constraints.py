@@ -8,7 +8,7 @@ from needs import needs
 from scenes import block_scene, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.errors import NotSolvableError, PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 
 RIGHT = block.side(0, upper=True)
@@ -178,11 +178,11 @@ def test_bodies_that_nothing_holds_are_named():
         hhr.FullOrderModel(scene)
 
 
-def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, **ways):
+def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, apart=0.0, **ways):
     """Two blocks one above the other, tied on meshes that do not match, pressed down beside a wall."""
     side, up = two_blocks.side, dim - 1
     boxes = [([0.0] * dim, [1.0] * dim, (cells[0][0],) * up + cells[0][1:]),
-             ([0.0] * up + [1.0], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
+             ([0.0] * up + [1.0 + apart], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
     held = [hhr.Displacement(side(body, k, upper=False), k) for body in (1, 2) for k in range(up)]
     return hhr.Scene(
         name="tied",
@@ -244,6 +244,12 @@ def test_a_tie_of_nodes_and_mistakes():
     assert u == pytest.approx(mean, abs=0.02 * np.abs(mean).max())
     with pytest.raises(SceneError, match="needs two surfaces"):
         hhr.Tie(3, 3)
+    for pairing in ("mortar", hhr.NodeToNode):  # which needs a normal
+        with pytest.raises(SceneError, match="must make a pairing of slave and master"):
+            hhr.Tie(3, 4, pairing=pairing)
+    for one in (hhr.Mortar, hhr.NodeToSurface):
+        with pytest.raises(SceneError, match="second order are not built in: take order=1"):
+            hhr.FullOrderModel(replace(tied(pairing=one), order=2))
     with pytest.raises(SceneError, match="must be an integer or a name"):
         hhr.Tie(None, 3)
     with pytest.raises(SceneError, match="without shapes"):
@@ -328,3 +334,10 @@ def test_a_rigid_lid_that_is_pressed_down_by_a_displacement():
     assert full.solve(0.7).displacement().reshape(-1, 2)[lid] == pytest.approx(
         np.tile([0.0, -0.007], (8, 1)), abs=1e-15
     )
+
+
+@needs("mortar")
+def test_a_tie_across_a_gap_is_said():
+    """A lever of 0.1 passes on no moment."""
+    with pytest.warns(PairingWarning, match="up to 0.1 apart: what they pass on has no moment"):
+        hhr.FullOrderModel(tied(apart=0.1))
