@@ -69,8 +69,8 @@ class Tie:
         wide = np.abs(rows.gap).max(initial=0.0)
         if wide > WIDE * surfaces[0].cell_sizes().min():
             warn(
-                f"the surfaces of {self!r} are up to {wide:.3g} apart: what they pass on has no moment across that gap, and "
-                "turns of a body strain it. Let the surfaces meet"
+                f"the surfaces of {self!r} are up to {wide:.3g} apart: what they pass on has no moment across that "
+                "gap, and turns of a body strain it. Let the surfaces meet"
             )
         count = rows.gap.size
         dofs = dim * rows.slaves[:, None] + np.arange(dim)

@@ -341,3 +341,24 @@ def test_a_tie_across_a_gap_is_said():
     """A lever of 0.1 passes on no moment."""
     with pytest.warns(PairingWarning, match="up to 0.1 apart: what they pass on has no moment"):
         hhr.FullOrderModel(tied(apart=0.1))
+
+
+@pytest.mark.parametrize(
+    "given, why",
+    [
+        ({"shift": "a"}, "must be a tuple"),
+        ({"shift": (np.nan, 0.0)}, "must be finite"),
+        ({"shift": (1.0, 0.0, 0.0)}, "as many numbers"),
+        ({"shift": (1.0,)}, "as many numbers"),
+        ({"axis": 1.0}, "0, 1 or 2"),
+        ({"axis": 0}, "in the plane axis = 2"),
+    ],
+)
+def test_mistakes_of_periodic_surfaces(given, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(pressed((hhr.Periodic(RIGHT, LEFT, **given),)))
+
+
+def test_a_meridian_does_not_turn_in_its_plane():
+    with pytest.raises(SceneError, match="leave out the angle"):
+        hhr.FullOrderModel(replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric"))
