@@ -363,6 +363,8 @@ class Scene:
                 check_formula(amplitude.text, self.parameters, f"the amplitude of {item!r}")
             if hasattr(item, "check"):
                 item.check(self.parameters)
+            if hasattr(item, "check_scene"):
+                item.check_scene(self)
 
 
 def _named_in_short(item: object) -> str:

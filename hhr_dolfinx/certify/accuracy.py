@@ -175,6 +175,9 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
 
     With U = U0 + lift and loads = F - K lift on free dofs, J = U^T K U / 2 - F^T U.
     """
+    if problem.pulled:  # less the energy of the lifts alone: K of the problem does not have it
+        displacement = displacement - problem.lifts @ theta
+        return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.loads @ theta) @ displacement
     return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.external @ theta) @ displacement
 
 

@@ -109,10 +109,6 @@ def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
-def _sum(weights: np.ndarray, terms: Sequence[csc_matrix]) -> csc_matrix:
-    return csc_matrix(sum(weight * term for weight, term in zip(weights, terms, strict=True)))
-
-
 class Reshaping(Protocol):
     """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again."""
 
@@ -179,8 +175,9 @@ class ContactProblem:
     group: Group = ALONE  # processes that have some rows each
     # dofs that follow others; they are not free, K, B and loads act through them, and lifts include them
     followers: Followers | None = None
-    # K times the lifts on free dofs, (N, 1 + T), if dofs follow others and K is constant: K of all dofs is not kept
-    pulled: csc_matrix | None = None
+    # local rows of each part of K before followers are eliminated, times the lifts, (own, 1 + T) each: values of
+    # equations act through rows and columns that T^T K T lacks; empty without followers
+    pulled: tuple[csc_matrix, ...] = ()
 
     @property
     def movable(self) -> np.ndarray:
@@ -247,7 +244,7 @@ class ContactProblem:
         weights = problem.weights(point)
         stiffness = (problem.stiffness_of(weights),)
         loads = problem.loads_of(weights)
-        pulled = None if problem.followers is None else _sum(weights, problem.lift_terms)
+        pulled = (problem.lifted_by(weights),) if problem.pulled else ()
         constant = {"stiffness_terms": stiffness, "loads": loads, "pulled": pulled}
         return replace(problem, moduli=(), lift_terms=(), reshaped=None, **constant)
 
@@ -310,17 +307,17 @@ class ContactProblem:
         group = group_of(comm)
         if all(group.gathered(self.whole)):
             return self
-        given = group.gathered((self.first, self.stiffness_terms, self.node_mass))
-        _, terms, masses = zip(*sorted(given, key=itemgetter(0)), strict=True)
+        given = group.gathered((self.first, self.stiffness_terms, self.node_mass, self.pulled))
+        _, terms, masses, lifted = zip(*sorted(given, key=itemgetter(0)), strict=True)
         held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
             )
-        stiffness = [csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True)]
-        return replace(
-            self, stiffness_terms=tuple(stiffness), node_mass=csr_matrix(vstack(masses)), first=0, group=ALONE
-        )
+        stiffness = tuple(csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True))
+        pulled = tuple(csc_matrix(vstack(parts)) for parts in zip(*lifted, strict=True))
+        mass = csr_matrix(vstack(masses))
+        return replace(self, stiffness_terms=stiffness, node_mass=mass, pulled=pulled, first=0, group=ALONE)
 
     def require_whole(self) -> None:
         """Raise SceneError for a distributed problem in functions that need all rows."""
@@ -416,24 +413,36 @@ class ContactProblem:
     @cached_property
     def external(self) -> csc_matrix:
         """F on free dofs, which is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
-        if self.followers is not None:
-            pulls = self.pulls
-            found = csr_matrix(self.loads + pulls)
-            return csc_matrix(found.multiply(abs(found) > ROUND_OFF_OF_MOTIONS * (abs(self.loads) + abs(pulls))))
+        if self.pulled:
+            drawn = self.from_rows(csr_matrix(self.drawn))
+            return self._forces(drawn, abs(drawn))
         lifts = csc_matrix(self.lifts)
         pulled = np.unique(lifts.indices)  # few columns of K: it is large
         own = self.own_stiffness[:, pulled]
         moving = csr_matrix(lifts)[pulled]
         held, sizes = (self.from_rows(csr_matrix(part)) for part in (own @ moving, abs(own) @ abs(moving)))
+        return self._forces(held, sizes)
+
+    def _forces(self, held: csr_matrix, sizes: csr_matrix) -> csc_matrix:
+        """Loads plus forces on free dofs without the round-off of these, which are sums of terms of some sizes."""
         forces = csr_matrix(self.loads + masked(csc_matrix(held), self.free))
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
 
     @property
-    def pulls(self) -> csc_matrix:
-        """Local rows of K times the lifts, (own, 1 + T); if dofs follow others, on free dofs of all rows."""
-        if self.followers is None:
+    def lifted(self) -> csc_matrix:
+        """K of all dofs, followers too, times the lifts, sparse, local rows, (own, 1 + T)."""
+        if not self.pulled:
             return csc_matrix(self.own_stiffness @ self.lifts)
-        return _sum(self.weights(self.middle), self.lift_terms) if self.moduli else self.pulled
+        return self.lifted_by(self.weights(self.middle) if self.moduli else np.ones(len(self.pulled)))
+
+    def lifted_by(self, weights: np.ndarray) -> csc_matrix:
+        """The same for weights of the parts of K, (Q,), if dofs follow others."""
+        return csc_matrix(sum(w * part for w, part in zip(weights, self.pulled, strict=True)))
+
+    @property
+    def drawn(self) -> csc_matrix:
+        """The same forces, of which followers pass on theirs. Collective."""
+        return self.forces_of_rows(self.lifted)
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""

@@ -152,13 +152,15 @@ def _check_kept(
 ) -> None:
     """Raise SceneError if equations of imposed dofs alone, with negative right-hand sides, are broken by their values.
 
-    ``size`` is that of all right-hand sides of their constraints: a normal has components of round-off.
+    ``size`` is that of all right-hand sides of their constraints: a normal has components of round-off, and products of
+    rows cancel.
     """
     straight, curved = parted([*values, *(Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed)])
     terms = [*straight, *curved]
     amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
     sides = placed(terms, 1, (rows.shape[0], 1 + len(terms)))
-    size = max(size, abs(sides).max() if sides.nnz else 0.0)
+    parts = [abs(rows) @ abs(one.columns) for one in imposed]
+    size = max(size, *(part.max() for part in parts if part.nnz), 0.0)
     for point in box_samples(scene.parameters, TRIED) if rows.shape[0] else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():

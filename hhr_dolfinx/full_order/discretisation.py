@@ -144,7 +144,7 @@ class Discretisation(DiscreteSpace):
         if opened:
             gaps += placed(opened, first, gaps.shape).toarray()
         rows, pairs, gaps, law = self._conditions(rows, pairs, gaps, lifts, free, follow, amplitudes)
-        pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
+        pulled = [strained(term, lifts) if moduli or scene.constraints else term @ lifts for term in stiffness]
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
         return ContactProblem(
@@ -170,7 +170,7 @@ class Discretisation(DiscreteSpace):
             law=law,
             group=self.group,
             followers=follow if scene.constraints else None,
-            pulled=lifted[0] if scene.constraints and not moduli else None,
+            pulled=tuple(pulled) if scene.constraints else (),
         )
 
     def _conditions(

@@ -124,11 +124,15 @@ class Periodic:
     def __post_init__(self) -> None:
         check_place("periodic surface", self.follower)
         check_place("periodic surface", self.leader)
-        if not is_number(self.angle) or self.axis not in (0, 1, 2) or not self.tolerance > 0:
+        if not is_number(self.angle) or not is_whole(self.axis, 0) or self.axis > 2 or not self.tolerance > 0:
             raise SceneError(
                 f"angle = {self.angle!r}, axis = {self.axis!r} and tolerance = {self.tolerance!r} must be a number, "
                 "0, 1 or 2, and a positive number"
             )
+        if self.shift is not None:
+            object.__setattr__(self, "shift", as_tuple("the shift of a periodic surface", self.shift))
+            if not all(map(is_number, self.shift)):
+                raise SceneError(f"the shift {self.shift} of a periodic surface must be finite")
 
     def turn(self, dim: int) -> np.ndarray:
         """Rotation by the angle, (dim, dim)."""
@@ -142,6 +146,10 @@ class Periodic:
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not match."""
         (dim,) = assembler.test.ufl_shape
+        if (self.shift is not None and len(self.shift) != dim) or (dim == 2 and self.axis != 2):
+            raise SceneError(f"{self!r}: in {dim} dimensions a shift has as many numbers, and in the plane axis = 2")
+        if assembler.hypothesis == "axisymmetric" and self.angle:
+            raise SceneError(f"{self!r} turns the plane (r, z), and an axisymmetric body with it: leave out the angle")
         own, places = nodes_at(assembler, self.follower, self)
         others, sources = nodes_at(assembler, self.leader, self)
         turn = self.turn(dim)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -117,6 +118,14 @@ class BoltForce:
     def __post_init__(self) -> None:
         check_tag("section", self.section)
         check_amplitude(self, f"the force in section {self.section!r}", formulas=True)
+
+    def check_scene(self, scene: Any) -> None:
+        """Raise SceneError without a section that follows the force."""
+        if not any(isinstance(item, ForcedSection) and item.section == self.section for item in scene.constraints):
+            raise SceneError(
+                f"the BoltForce of section {self.section!r} acts on one pair of nodes, which the others of the section "
+                f"must follow: add ForcedSection({self.section!r}) to the constraints of scene '{scene.name}'"
+            )
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector: forces on the pair in the middle, which the others follow."""

@@ -13,9 +13,13 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings import Pairing
+from hhr_dolfinx.pairings.surface import warn
 from hhr_dolfinx.parameters import Tag, check_tag
 from hhr_dolfinx.plugins.constraints.equations import equations_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
+
+WIDE = 0.1
+"""Part of a cell up to which surfaces of a tie may be apart without a warning: chords of round surfaces are."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +45,32 @@ class Tie:
         check_tag("tie", self.master)
         if self.slave == self.master:
             raise SceneError(f"the tie of {self.slave!r} needs two surfaces")
+        try:
+            self._pairing  # noqa: B018 (faults are reported where the tie is written)
+        except TypeError as error:
+            raise SceneError(
+                f"pairing = {self.pairing!r} of the tie of {self.slave!r} must make a pairing of slave and master, "
+                f"such as the class Mortar: {error}"
+            ) from error
+
+    @property
+    def _pairing(self) -> Pairing:
+        return self.pairing(self.slave, self.master)
 
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not face."""
-        pairing: Pairing = self.pairing(self.slave, self.master)
+        pairing = self._pairing
         # on cells of second order all nodes follow the flat parts of facets between them
         surfaces = [replace(assembler.surface(tag), quadratic=None) for tag in pairing.tags]
-        rows = pairing.rows(surfaces, assembler.size)
         dim = surfaces[0].points.shape[1]
+        rows = pairing.rows(surfaces, assembler.size)
+        # forces act across the gap without a moment
+        wide = np.abs(rows.gap).max(initial=0.0)
+        if wide > WIDE * surfaces[0].cell_sizes().min():
+            warn(
+                f"the surfaces of {self!r} are up to {wide:.3g} apart: what they pass on has no moment across that "
+                "gap, and turns of a body strain it. Let the surfaces meet"
+            )
         count = rows.gap.size
         dofs = dim * rows.slaves[:, None] + np.arange(dim)
         normals = np.asarray(rows.matrix[np.arange(count)[:, None], dofs].toarray())

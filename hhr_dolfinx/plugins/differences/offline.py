@@ -88,13 +88,20 @@ def exact_arrays(
     rows = problem.spread
     lifts = rows.of(problem.lifts.tocsr()).toarray()
     given = full.per_load + lifts
-    values, ways = linalg.eigh(rows.sum(given.T @ (problem.stiffness_of_rows @ given)))
+    gram = rows.sum(given.T @ (problem.stiffness_of_rows @ given))
+    pulled = problem.stiffness_of_rows @ lifts
+    lifting = energies(problem, lifts)
+    if problem.pulled:  # K without followers lacks what values of equations strain
+        pulled = problem.drawn.toarray()
+        mixed = full.per_load.T @ pulled
+        own = lifts.T @ problem.lifted
+        gram = full.per_load.T @ (problem.stiffness_of_rows @ full.per_load) + mixed + mixed.T + own
+        lifting = np.sqrt(np.maximum(np.diag(own), 0.0))
+    values, ways = linalg.eigh(gram)
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
     cross = problem.contact_rows_times(full.per_load)
     lifted = np.flatnonzero(rows.sum(np.abs(lifts).sum(axis=0)))
-    cross[:, lifted] += problem.contact_rows_times(
-        full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted]))
-    )
+    cross[:, lifted] += problem.contact_rows_times(full.stiffness.columns(csc_matrix(pulled[:, lifted])))
     return factor_of(definite(schur, contact_of_motions)), {
         "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,
@@ -102,7 +109,7 @@ def exact_arrays(
         "driving": np.zeros((0, terms)) if kernel is None else np.asfortranarray(kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
-        "lifting": energies(problem, lifts),
+        "lifting": lifting,
         "areas": problem.contact_areas,
         "least": least,
     }

@@ -112,7 +112,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.fields = self._full = full
         self.problem = problem
         # with K of all dofs, as if none followed others
-        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, followers=None)
+        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, followers=None, pulled=())
         self._given = None if problem.followers is None else problem.followers.transposed()
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self.operator = gauss.operator

@@ -15,6 +15,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
@@ -268,6 +269,10 @@ def with_energies(solver: Solver, point: np.ndarray) -> dict[str, np.ndarray]:
     # load terms scale with the root of the compliance, lift terms with that of the stiffness
     scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
     work = scales[:, None] * solver.work(point) * scales
-    own = csc_matrix(problem.lifts[:, part.lifted])[body]
     pulls = loads[:, part.forced.size :]
+    if problem.pulled:  # followers of the component too, which have no rows in K
+        label = np.repeat(components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size)
+        body = np.flatnonzero(np.isin(label, label[body]))
+        pulls = problem.lifted[:, part.lifted]
+    own = csc_matrix(problem.lifts[:, part.lifted])[body]
     return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}

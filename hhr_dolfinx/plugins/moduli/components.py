@@ -155,7 +155,7 @@ class Solver:
     def acting(self, problem: ContactProblem) -> csc_matrix:
         """Loads on the component, then K times its lifts, (N, T)."""
         part = self.component.part
-        pulls = problem.pulls[:, part.lifted]
+        pulls = problem.drawn[:, part.lifted]
         return csc_matrix(hstack([problem.external[:, part.forced], pulls]))
 
     def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -179,7 +179,7 @@ class Solver:
     def fields_of_lifts(self, point: np.ndarray) -> np.ndarray:
         """Displacements under K times its lifts, (N, T)."""
         problem = self.with_stiffness(point)
-        drawn = problem.pulls[:, self.component.part.lifted]
+        drawn = problem.drawn[:, self.component.part.lifted]
         if self.serves_all:
             drawn *= self._scale(point)
         return self.solved_columns(problem, point, drawn)

@@ -161,7 +161,11 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
     pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
-    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pulled)]
+    acting = pulled
+    if problem.followers is not None:  # values of equations act on what T^T K T lacks
+        pulled = [part[:, lifted] for part in problem.pulled]
+        acting = [problem.followers.forces(part) for part in pulled]
+    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in acting)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
     own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)

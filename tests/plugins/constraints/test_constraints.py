@@ -8,7 +8,7 @@ from needs import needs
 from scenes import block_scene, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.errors import NotSolvableError, PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 
 RIGHT = block.side(0, upper=True)
@@ -178,11 +178,11 @@ def test_bodies_that_nothing_holds_are_named():
         hhr.FullOrderModel(scene)
 
 
-def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, **ways):
+def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, apart=0.0, **ways):
     """Two blocks one above the other, tied on meshes that do not match, pressed down beside a wall."""
     side, up = two_blocks.side, dim - 1
     boxes = [([0.0] * dim, [1.0] * dim, (cells[0][0],) * up + cells[0][1:]),
-             ([0.0] * up + [1.0], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
+             ([0.0] * up + [1.0 + apart], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
     held = [hhr.Displacement(side(body, k, upper=False), k) for body in (1, 2) for k in range(up)]
     return hhr.Scene(
         name="tied",
@@ -244,7 +244,118 @@ def test_a_tie_of_nodes_and_mistakes():
     assert u == pytest.approx(mean, abs=0.02 * np.abs(mean).max())
     with pytest.raises(SceneError, match="needs two surfaces"):
         hhr.Tie(3, 3)
+    for pairing in ("mortar", hhr.NodeToNode):  # which needs a normal
+        with pytest.raises(SceneError, match="must make a pairing of slave and master"):
+            hhr.Tie(3, 4, pairing=pairing)
     with pytest.raises(SceneError, match="must be an integer or a name"):
         hhr.Tie(None, 3)
     with pytest.raises(SceneError, match="without shapes and systems"):
         replace(scene, system=lambda *_: None)
+
+
+def imposed_twice(young, box):
+    """The lid pressed down by a displacement, and the same by equations of one term: scenes with one answer."""
+    outputs = hhr.ElasticEnergy("energy"), hhr.ContactForce("wall", 0, (1.0, 0.0))
+    one = pressed((), (hhr.Displacement(LEFT, 0), hhr.Displacement(TOP, 1, "-0.01 * p")), (), outputs=outputs)
+    other = pressed((hhr.Equation(((TOP, 1, 1.0),), "-0.01 * p"),), loads=(), outputs=outputs)
+    bodies = (hhr.Body(block.SOLID, young, 0.3),)
+    return [replace(scene, parameters=space(**box), bodies=bodies) for scene in (one, other)]
+
+
+@needs("stress", "moduli")
+@pytest.mark.parametrize("young", [100.0, "E", "E + 20 * p"])
+def test_values_of_equations_act_as_imposed_displacements(young):
+    """In condensed models with moduli as parameters, and in the elastic energy, 0.01 p imposed either way."""
+    box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
+    known, found = (hhr.FullOrderModel(scene) for scene in imposed_twice(young, box))
+    point = [0.9, 190.0][: len(box)]
+    exact = known.solve(point)
+    assert exact.forces().max() > 0
+    for model in (found, hhr.condense(found, fields=True)):
+        answer = model.solve(point)
+        assert answer.forces() == pytest.approx(exact.forces(), abs=1e-6 * exact.forces().max())
+        assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-8)
+        assert answer.outputs()["energy"] == pytest.approx(exact.outputs()["energy"], rel=1e-6)
+
+
+@needs("stress", "moduli", "differences")
+@pytest.mark.parametrize("young", [100.0, "E"])
+def test_relative_estimates_are_over_the_energy_of_the_exact_answer(young):
+    """|u|_K is twice the elastic energy, rooted, also of what values of equations strain."""
+    box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
+    mean = hhr.MeanMotion(TOP, 0, "0.004 * p")
+    scene = imposed_twice(young, box)[1]
+    scene = replace(scene, constraints=(*scene.constraints, mean), loads=(hhr.Pressure(RIGHT, "p"),))
+    training = hhr.train(scene, hhr.Sobol(8), held_out=2)
+    point = [0.9, 190.0][: len(box)]
+    size = np.sqrt(2 * training.full_order.solve(point).outputs()["energy"])
+    estimate = training.build().solve(point).estimate()
+    # sizes of relative bounds are lower bounds of that of the exact answer, a little below where K varies
+    assert (
+        size * (0.98 if young == "E" else 1 - 1e-6) <= estimate.primal / estimate.primal_relative <= size * (1 + 1e-6)
+    )
+
+
+def test_a_rigid_lid_on_a_hinge():
+    """One edge of a rigid lid is held: it turns about it, as by equations, u_z = x times that of the far corner."""
+    lid, foot = block.side(2, upper=True), block.side(2, upper=False)
+    far = hhr.Nodes.near((1.0, 0.0, 1.0))
+    line = {x: hhr.Nodes(lambda y, x=x: np.isclose(y[0], x) & np.isclose(y[2], 1)) for x in (0.0, 0.5, 1.0)}
+    rest = hhr.Nodes(lambda y: np.isclose(y[0], 1) & np.isclose(y[2], 1) & (y[1] > 0.1))
+    plain = block_scene(
+        "hinge",
+        {"p": (0.1, 1.0)},
+        lower=(0, 0, 0),
+        upper=(1, 1, 1),
+        cells=(2, 2, 2),
+        hypothesis="solid",
+        contacts=(hhr.Obstacle(RIGHT, (1, 0, 0), 1.001),),
+        displacements=(*hhr.Displacement.clamp(foot, 3), *hhr.Displacement.clamp(line[0.0], 3)),
+        loads=(hhr.Pressure(lid, "p"),),
+    )
+    rigid = replace(plain, constraints=(hhr.RigidMotion(lid),))
+    sides = tuple(hhr.Displacement(line[x], k) for x in (0.5, 1.0) for k in (0, 1))
+    turns = tuple(hhr.Equation(((place, 2, 1.0), (far, 2, -x))) for place, x in ((line[0.5], 0.5), (rest, 1.0)))
+    by_hand = replace(plain, displacements=(*plain.displacements, *sides), constraints=turns)
+    found, known = (hhr.FullOrderModel(scene).solve(0.7).displacement() for scene in (rigid, by_hand))
+    assert np.abs(known).max() > 0.1
+    assert found == pytest.approx(known, abs=1e-11)
+
+
+def test_a_rigid_lid_that_is_pressed_down_by_a_displacement():
+    """Its equations between imposed displacements hold to round-off, which breaks nothing."""
+    down = hhr.Displacement(TOP, 1, "-0.01 * p")
+    scene = pressed((hhr.RigidMotion(TOP),), (hhr.Displacement(LEFT, 0), down), loads=(), cells=(7, 3))
+    full = hhr.FullOrderModel(scene)
+    lid = np.isclose(full.problem.points[:, 1], 1.0)
+    assert full.solve(0.7).displacement().reshape(-1, 2)[lid] == pytest.approx(
+        np.tile([0.0, -0.007], (8, 1)), abs=1e-15
+    )
+
+
+@needs("mortar")
+def test_a_tie_across_a_gap_is_said():
+    """A lever of 0.1 passes on no moment."""
+    with pytest.warns(PairingWarning, match="up to 0.1 apart: what they pass on has no moment"):
+        hhr.FullOrderModel(tied(apart=0.1))
+
+
+@pytest.mark.parametrize(
+    "given, why",
+    [
+        ({"shift": "a"}, "must be a tuple"),
+        ({"shift": (np.nan, 0.0)}, "must be finite"),
+        ({"shift": (1.0, 0.0, 0.0)}, "as many numbers"),
+        ({"shift": (1.0,)}, "as many numbers"),
+        ({"axis": 1.0}, "0, 1 or 2"),
+        ({"axis": 0}, "in the plane axis = 2"),
+    ],
+)
+def test_mistakes_of_periodic_surfaces(given, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(pressed((hhr.Periodic(RIGHT, LEFT, **given),)))
+
+
+def test_a_meridian_does_not_turn_in_its_plane():
+    with pytest.raises(SceneError, match="leave out the angle"):
+        hhr.FullOrderModel(replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric"))

@@ -118,3 +118,10 @@ def test_a_section_that_is_no_section_is_refused(tmp_path):
         hhr.CutMesh(path, sections="CUT")
     bent = replace(hhr.CutMesh(column(tmp_path / "bent.inp", slope=0.2)), sections=("CUT",)).read()
     assert len(bent.surfaces["CUT"]) == 1  # an inclined plane is flat
+
+
+@pytest.mark.parametrize("constraints", [(), (hhr.Preload("CUT", 0.0),), (hhr.ForcedSection("OTHER"),)])
+def test_a_force_without_its_section_is_refused(constraints, tmp_path):
+    """Else it would be a force at two nodes, or none at all."""
+    with pytest.raises(SceneError, match="must follow: add ForcedSection"):
+        scene(column(tmp_path / "bolt.inp"), constraints, (hhr.BoltForce("CUT", "p"),))
