@@ -362,7 +362,7 @@ class ContactProblem:
         return self.spread.matrix(self.own_stiffness)
 
     @cached_property
-    def following(self) -> tuple[Any, Any] | None:
+    def following(self) -> tuple[csr_matrix, ...] | None:
         """T and T^T of followers for products with tables of local rows, (own, k); None if no dof follows."""
         if self.followers is None:
             return None

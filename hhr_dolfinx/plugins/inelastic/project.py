@@ -60,11 +60,9 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     operator = full.operator
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
-    test = None
-    if problem.followers is not None:  # test functions are non-zero on dofs that follow those of A, too
-        follow = problem.followers.everywhere[:, sets.A]
-        inside = np.diff(follow.indptr) > 0
-        test = follow[inside] @ basis[sets.A]
+    follow = None if problem.followers is None else problem.followers.everywhere
+    if follow is not None:  # test functions are non-zero on dofs that follow those of A, too
+        inside = abs(follow) @ inside.astype(float) > 0
     # cells of the RID without such a dof act on no test function
     cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
@@ -77,7 +75,7 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         modes=np.ascontiguousarray(basis[columns]),
         lifts=problem.lifts[columns],
         inner=inner,
-        test=test,
+        follow=None if follow is None else csr_matrix(follow[acting][:, acting]),
         springs=None if full.springs is None else full.springs[acting],
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),

@@ -51,8 +51,7 @@ class ReducedFlow:
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
     contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
-    # V as test functions on the inner dofs, (a, ell), if some follow others; None for V on them
-    test: Annotated[Floats, "inner", "ell"] | None = None
+    follow: Annotated[csr_matrix, "inner", "inner"] | None = None  # T on the inner dofs, (a, a); None without followers
     springs: Annotated[Floats, "inner"] | None = None  # stiffness to ground of the inner dofs, (a,); None without
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -119,7 +118,8 @@ class ReducedEquilibrium(MeshEquilibrium):
         self.points = flow.points
         self.per_cell = flow.operator.per_cell
         self._pattern = self.operator.pattern()
-        self._test = np.ascontiguousarray((flow.modes[flow.inner] if flow.test is None else flow.test).T)
+        self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
+        self._given = None if flow.follow is None else csr_matrix(flow.follow.T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
         self.material = flow.material.moduli_at(parameters.middle)
         self._set_problem(problem)
@@ -171,13 +171,15 @@ class ReducedEquilibrium(MeshEquilibrium):
         return loads - self._test @ internal, self.norms(loads) + self.norms(size)
 
     def _internal(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on the dofs of test functions, (a,), and the size of their terms."""
+        """Forces of a stress and of springs on A, those on followers included, (a,), and the size of their terms."""
         flow = self.flow
         internal, size = (part[flow.inner] for part in self.operator.internal(stress))
-        if flow.springs is None:
-            return internal, size
-        grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
-        return internal + grounded, size + np.abs(grounded)
+        if flow.springs is not None:
+            grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
+            internal, size = internal + grounded, size + np.abs(grounded)
+        if self._given is not None:
+            internal, size = self._given @ internal, abs(self._given) @ size
+        return internal, size
 
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
@@ -201,7 +203,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         rows = np.zeros((self.flow.inner.size, self.size))
         _rows_times(change.indptr, change.indices, change.data, self.flow.inner, self.flow.modes, rows)
-        return self.problem.stiffness + self._test @ rows
+        return self.problem.stiffness + self._test @ (rows if self._given is None else self._given @ rows)
 
 
 def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:

@@ -119,13 +119,14 @@ def test_a_reduced_model_of_tied_halves(law, tmp_path):
 
     Some nodes of the RID follow others.
     """
-    wrong = []
+    wrong, left = [], []
     for made in (whole(LAWS[law], 12), halves(LAWS[law], hhr.Mortar, 12)):
         full = hhr.FullOrderModel(made)
         history, reduced = trained(full, PATH, hhr.Recipe.flowing())
         found = reduced.march(PATH, TIGHT)
         if law == "yields":
             close(found, history, 1e-7)
+        left.append(found.signs[-1].imbalance)
         wrong.append(ordered(full, found.answers[-1].displacement() - history.answers[-1].displacement()))
     flow = reduced.equilibrium.flow
     assert flow.cells.size < 0.6 * len(full.problem.cell_nodes)
@@ -133,6 +134,7 @@ def test_a_reduced_model_of_tied_halves(law, tmp_path):
     assert full.problem.followers.own[dofs].sum() > 5
     hhr.save_model(tmp_path / "tied.npz", reduced)
     close(hhr.load_model(tmp_path / "tied.npz").march(PATH, TIGHT), found, 1e-9)
+    assert left[1] == pytest.approx(left[0], rel=1e-5, abs=1e-8)
     assert wrong[1] == pytest.approx(wrong[0], abs=1e-6 * np.abs(history.answers[-1].displacement()).max())
 
 
