@@ -141,8 +141,8 @@ def test_a_reduced_model_of_tied_halves(law, tmp_path):
 def bolt(path, law, loads=(), **changes):
     """A bolt of this law between its foot and springs at its head, E A / L = 333 and k = 500, without its plate."""
     spring = hhr.Springs("HEAD", 2, SPRING, bedding=True)
-    made = scene(path, (hhr.Preload("CUT", "0.03 * p"),), (spring, *loads), gap=1.0, ways=("p", 0.0, 1.0))
-    return replace(made, **{"bodies": (hhr.Body("BOLT", YOUNG, 0.3, law),)} | changes)
+    made = scene(path, (hhr.Preload("CUT", "0.03 * p"),), (spring,), gap=1.0, ways=("p", 0.0, 1.0))
+    return replace(made, **{"bodies": (hhr.Body("BOLT", YOUNG, 0.3, law),), "loads": (spring, *loads)} | changes)
 
 
 SPRING = 500.0
