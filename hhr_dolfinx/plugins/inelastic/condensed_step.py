@@ -395,13 +395,12 @@ def _possible(result):
 @compiled(inner=True, fastmath=ANY_ORDER)
 def _set_residual(tested, memory, components, modal, there, coupled, forces, elastic, residual):
     """Compute R; returns the sum of its entries, which is finite if all are."""
-    points = memory.shape[1]
+    flat = memory[:components].reshape(-1)
     total = 0.0
     for j in range(residual.size):
         value = 0.0
-        for i in range(components):
-            for k in range(points):
-                value += tested[j, i * points + k] * memory[i, k]
+        for k in range(flat.size):
+            value += tested[j, k] * flat[k]
         for i in range(there.size):
             value -= modal[j, i] * there[i]
         for i in range(forces.size):
@@ -414,19 +413,19 @@ def _set_residual(tested, memory, components, modal, there, coupled, forces, ela
 @compiled(inner=True, fastmath=ANY_ORDER)
 def _flowing_of(tested, slopes):
     """w (G V)^T C dε_p/dε, (ell, c n)."""
-    components, _, points = slopes.shape
-    found = np.zeros(tested.shape, dtype=np.float32)
-    total = np.empty(points)
+    # indices that are no sums, as loops over others do not vectorise
+    parts = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
+    found = np.empty(parts.shape, dtype=np.float32)
+    total = np.empty(slopes.shape[2])
     for j in range(len(found)):
-        for i in range(components):
-            for k in range(points):
-                total[k] = 0.0
-            for m in range(components):
-                for k in range(points):
-                    total[k] += tested[j, m * points + k] * slopes[m, i, k]
-            for k in range(points):
-                found[j, i * points + k] = total[k]
-    return found
+        for i in range(len(slopes)):
+            total[:] = 0.0
+            for m in range(len(slopes)):
+                for k in range(total.size):
+                    total[k] += parts[j, m, k] * slopes[m, i, k]
+            for k in range(total.size):
+                found[j, i, k] = total[k]
+    return found.reshape(tested.shape)
 
 
 LEAST_SHARE = 1 / 256

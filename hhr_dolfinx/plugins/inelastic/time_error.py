@@ -128,16 +128,17 @@ class TimeError:
         points = material.groups[place].indices
         given = material.given[place]
         old = _there(before, points)
-        flowed = (gauss_of(answer).state.inelastic[points] - old.inelastic) @ given.elastic
-        strain = _strain(answer, points, given)
+        stress, new = gauss_of(answer)
+        inelastic = new.inelastic[points]
+        flowed = (inelastic - old.inelastic) @ given.elastic
+        strain = stress[points] @ given.compliance + inelastic
         law: Any = material.groups[place].law
         tangents = law.update(strain, old, dt, given, tangent=True).tangents
         rate = _rate(law, answer, points, given, dt) if law.swells else flowed / dt
         rest = self.rate[k] if self.rate is not None else _rate(law, before, points, given, dt)
         added = dt * (rate - rest) / 2
-        filters = tangents @ law.compliances(given)
-        error = np.einsum("nij,nj->ni", filters, self.error[k] + added)
-        kept = np.einsum("nij,nj->ni", filters, added)
+        inverse = law.compliances(given)
+        error, kept = ((tangents @ (inverse @ part[..., None]))[..., 0] for part in (self.error[k] + added, added))
         return error, rate, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
