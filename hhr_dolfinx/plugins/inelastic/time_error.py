@@ -22,6 +22,7 @@ error on other paths is not estimated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -81,7 +82,7 @@ class TimeError:
 
     def _norm(self, parts: Sequence[np.ndarray]) -> float:
         """Euclidean norm of values at the points of all ranks."""
-        return float(np.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts))))
+        return math.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts)))
 
     def going_on(self, answer: Answer) -> TimeError:
         """Time error after an answer that was solved before in parts: its estimate is known, its rates are not."""
@@ -103,7 +104,7 @@ class TimeError:
         except (ConvergenceError, SceneError):  # a law that has an answer in this step alone
             return self
         largest = max(self.largest, self._norm([stress]))
-        raw, left = (float(np.sqrt(self.together.total(sum(part[k] for part in parts)))) for k in (2, 3))
+        raw, left = (math.sqrt(self.together.total(sum(part[k] for part in parts))) for k in (2, 3))
         return replace(
             self,
             error=tuple(part[0] for part in parts),
