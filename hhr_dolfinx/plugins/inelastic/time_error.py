@@ -126,7 +126,7 @@ class TimeError:
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
         place = self.bodies[k]
-        points = material.groups[place].indices
+        points = material.groups[place].own
         given = material.given[place]
         old = _there(before, points)
         stress, new = gauss_of(answer)
@@ -143,18 +143,18 @@ class TimeError:
         return error, rate, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
-def _there(answer: Answer, points: np.ndarray) -> State:
+def _there(answer: Answer, points: slice | np.ndarray) -> State:
     """State of an answer at some points."""
     return State(*(part[points] for part in gauss_of(answer).state))
 
 
-def _strain(answer: Answer, points: np.ndarray, given: Given) -> np.ndarray:
+def _strain(answer: Answer, points: slice | np.ndarray, given: Given) -> np.ndarray:
     """Strain of an answer at some points, from stress and inelastic strain, (n, c)."""
     found: np.ndarray = gauss_of(answer).stress[points] @ given.compliance
     return found + gauss_of(answer).state.inelastic[points]
 
 
-def _rate(law: LawProgram, answer: Answer, points: np.ndarray, given: Given, dt: float) -> np.ndarray:
+def _rate(law: LawProgram, answer: Answer, points: slice | np.ndarray, given: Given, dt: float) -> np.ndarray:
     """C times the rate of inelastic strain at a stress: the flow of a law in a short time, (n, c).
 
     A first moment takes up changes of constants since the answer, which swell at once.
