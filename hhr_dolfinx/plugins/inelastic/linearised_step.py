@@ -188,7 +188,7 @@ class LinearisedStepper(Stepper):
         if start is not None:
             x = start.unknown
         else:
-            x = extrapolated(trail[-2:], goal.time) if trail[1:] else self._elastic_start(here, theta, goal.parameter)
+            x = extrapolated(trail, goal.time) if len(trail) > 1 else self._elastic_start(here, theta, goal.parameter)
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
         active = (here if start is None else start).active
