@@ -304,7 +304,7 @@ class CondensedStepper(CorrectionStepper):
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
         before = gauss_of(here).state
-        memory = np.vstack([before.inelastic.T, before.cumulated[None], before.memory.T])
+        memory = np.concatenate([before.inelastic.T, before.cumulated[None], before.memory.T])
         rest = memory, goal.time - here.time
         laws: StepLaws = self._last.of(material, lambda: laws_of(material))
         # without a correction, so that these are the forces of the elastic bodies

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.plugins.inelastic.local_solver import CONSTANTS, MEMORY, Code, solve_points
+from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Evaluate the laws at the trial point, or the reason to stop."""
@@ -339,64 +339,38 @@ def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode
 
 @compiled(inner=True)
 def _evaluate(ends, load, laws, work, tangent):
-    """Evaluate the laws at the strain in ``work``: stress and memory, or the slopes of the inelastic strain alone."""
+    """Evaluate the laws at the strain in ``work``: stress, memory, and with ``tangent`` slopes of inelastic strain."""
     components, points = work.stress.shape
-    rows = work.memory.shape[0]
+    strain = work.strain.reshape((components, points))
+    tangents = np.empty((components, components, points if tangent else 0))
     start = 0
     for group in range(ends.size):
         end = ends[group]
-        count = end - start
         law = laws.numbers[group]
-        if law < 0:  # its memory and slopes stay 0
-            start = end
-            continue
-        strain = np.empty((components, count))
-        stress = np.empty((components, count))
-        for i in range(components):
-            for k in range(count):
-                strain[i, k] = work.strain[i * points + start + k]
-        own = laws.code.sizes[law, MEMORY]
-        old = np.empty((own, count))
-        new = np.empty((own, count))
-        for i in range(own):
-            for k in range(count):
-                old[i, k] = load.memory[i, start + k]
-        constants = np.empty((laws.code.sizes[law, CONSTANTS], count))
-        for i in range(len(constants)):
-            for k in range(count):
-                constants[i, k] = laws.constants[i, start + k]
-        tangents = np.empty((components, components, count if tangent else 0))
-        result = np.zeros(count, dtype=np.int64)
-        compliance = laws.compliance[group]
-        solve_points(laws.code, law, strain, old, load.dt, constants, compliance, stress, new, tangents, result)
-        if tangent:
-            _store_slopes(work.slopes, tangents, compliance, start)
-            start = end
-            continue
-        for k in range(count):
-            work.result[start + k] = result[k]
-        for i in range(components):
-            for k in range(count):
-                work.stress[i, start + k] = stress[i, k]
-        for i in range(rows):
-            for k in range(count):
-                work.memory[i, start + k] = new[i, k] if i < own else load.memory[i, start + k]
+        if law >= 0:  # else memory and slopes stay 0
+            given = laws.constants, laws.compliance[group]
+            found = work.stress, work.memory, tangents, work.result
+            solve_points(laws.code, law, start, end, strain, load.memory, load.dt, *given, *found)
+            for i in range(laws.code.sizes[law, MEMORY], len(work.memory)):
+                work.memory[i, start:end] = load.memory[i, start:end]
+            if tangent:
+                _store_slopes(work.slopes, tangents, given[1], start, end)
         start = end
 
 
 @compiled(inner=True)
-def _store_slopes(slopes, tangents, compliance, start):
+def _store_slopes(slopes, tangents, compliance, start, end):
     """1 - C^-1 H at the points of a group."""
-    components, _, count = tangents.shape
-    for i in range(components):
-        for j in range(components):
-            for k in range(count):
-                slopes[i, j, start + k] = 1.0 if i == j else 0.0
-            for m in range(components):
+    for i in range(len(compliance)):
+        for j in range(len(compliance)):
+            to = slopes[i, j, start:end]
+            to[:] = 1.0 if i == j else 0.0
+            for m in range(len(compliance)):
                 share = compliance[i, m]
                 if share != 0.0:
-                    for k in range(count):
-                        slopes[i, j, start + k] -= share * tangents[m, j, k]
+                    row = tangents[m, j, start:end]
+                    for k in range(to.size):
+                        to[k] -= share * row[k]
 
 
 @compiled(inner=True)
@@ -421,13 +395,12 @@ def _possible(result):
 @compiled(inner=True, fastmath=ANY_ORDER)
 def _set_residual(tested, memory, components, modal, there, coupled, forces, elastic, residual):
     """Compute R; returns the sum of its entries, which is finite if all are."""
-    points = memory.shape[1]
+    flat = memory[:components].reshape(-1)
     total = 0.0
     for j in range(residual.size):
         value = 0.0
-        for i in range(components):
-            for k in range(points):
-                value += tested[j, i * points + k] * memory[i, k]
+        for k in range(flat.size):
+            value += tested[j, k] * flat[k]
         for i in range(there.size):
             value -= modal[j, i] * there[i]
         for i in range(forces.size):
@@ -440,19 +413,19 @@ def _set_residual(tested, memory, components, modal, there, coupled, forces, ela
 @compiled(inner=True, fastmath=ANY_ORDER)
 def _flowing_of(tested, slopes):
     """w (G V)^T C dε_p/dε, (ell, c n)."""
-    components, _, points = slopes.shape
-    found = np.zeros(tested.shape, dtype=np.float32)
-    total = np.empty(points)
+    # indices that are no sums, as loops over others do not vectorise
+    parts = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
+    found = np.empty(parts.shape, dtype=np.float32)
+    total = np.empty(slopes.shape[2])
     for j in range(len(found)):
-        for i in range(components):
-            for k in range(points):
-                total[k] = 0.0
-            for m in range(components):
-                for k in range(points):
-                    total[k] += tested[j, m * points + k] * slopes[m, i, k]
-            for k in range(points):
-                found[j, i * points + k] = total[k]
-    return found
+        for i in range(len(slopes)):
+            total[:] = 0.0
+            for m in range(len(slopes)):
+                for k in range(total.size):
+                    total[k] += parts[j, m, k] * slopes[m, i, k]
+            for k in range(total.size):
+                found[j, i, k] = total[k]
+    return found.reshape(tested.shape)
 
 
 LEAST_SHARE = 1 / 256

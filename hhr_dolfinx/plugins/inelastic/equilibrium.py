@@ -105,7 +105,7 @@ class Stepper(ABC):
             last = trail
             found = list[Answer]()
             try:
-                for share in np.arange(1, parts + 1) / parts:
+                for share in (part / parts for part in range(1, parts + 1)):
                     time = here.time + share * (goal.time - here.time)
                     after = self.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
                     found.append(after)

@@ -97,10 +97,13 @@ class MeshEquilibrium(Histories):
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B^T λ in the test space."""
 
+    def _displacement(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Displacement with the lift; without imposed displacements that is 0, and its product is not cheap."""
+        return self.field(x) + self.lifts @ theta if self.lifts.nnz else self.field(x)
+
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """See :class:`Equilibrium`."""
-        field = self.field(x)
-        found = self.operator.strain(field + self.lifts @ theta if self.lifts.nnz else field)
+        found = self.operator.strain(self._displacement(x, theta))
         return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
@@ -109,7 +112,7 @@ class MeshEquilibrium(Histories):
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Size of round-off of the sum of stiffness times displacement for each body, (bodies,)."""
-        return 1e-13 * self.norms(self._sizes @ np.abs(self.field(x) + self.lifts @ theta))
+        return 1e-13 * self.norms(self._sizes @ np.abs(self._displacement(x, theta)))
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
         """See :class:`Equilibrium`."""

@@ -140,6 +140,7 @@ def _newton(code, law, work, open_, factors, pivots):
     length = np.zeros(count)
     share = np.ones(count)
     chosen = np.zeros(count, dtype=np.bool_)
+    outputs = code.outputs[code.output_starts[law, LOCAL] :]
     for iteration in range(ITERATIONS):
         pending = 0
         for k in range(count):
@@ -149,7 +150,7 @@ def _newton(code, law, work, open_, factors, pivots):
             return
         run(code.rows, code.starts[law, LOCAL], code.ends[law, LOCAL], work)
         if iteration > 0:
-            _negate(code, law, work, chosen, new)
+            _negate(outputs, work, chosen, new)
             _solve(factors, pivots, chosen, new)
             _measure(new, weights, kinds, length)
             for k in range(count):
@@ -158,8 +159,8 @@ def _newton(code, law, work, open_, factors, pivots):
                     chosen[k] = False
                     for i in range(size):
                         work[strains + i, k] = iterate[i, k] + share[k] * steps[i, k]
-        _linearise(code, law, work, chosen, factors, iterate)
-        _negate(code, law, work, chosen, new)
+        _linearise(outputs, work, strains, chosen, factors, iterate)
+        _negate(outputs, work, chosen, new)
         _factor(factors, pivots, chosen)
         _solve(factors, pivots, chosen, new)
         _weigh(iterate, new, chosen, kinds, weights)
@@ -217,30 +218,28 @@ def _settle(code, law, work, open_, factors, pivots, iterate, steps):
 
 
 @compiled(inner=True)
-def _negate(code, law, work, which, new):
+def _negate(outputs, work, which, new):
     """Set ``new`` to -r, which the last run of the machine computed."""
-    first = code.output_starts[law, LOCAL]
     for i in range(len(new)):
-        row = code.outputs[first + i]
+        row = work[outputs[i]]
         for k in range(which.size):
             if which[k]:
-                new[i, k] = -work[row, k]
+                new[i, k] = -row[k]
 
 
 @compiled(inner=True)
-def _linearise(code, law, work, which, factors, iterate):
+def _linearise(outputs, work, strains, which, factors, iterate):
     """Set ``factors`` to dr/dy of the last run, and ``iterate`` to its y."""
     size = len(iterate)
-    first = code.output_starts[law, LOCAL] + size
     for i in range(size):
         for k in range(which.size):
             if which[k]:
-                iterate[i, k] = work[code.sizes[law, STRAINS] + i, k]
+                iterate[i, k] = work[strains + i, k]
         for j in range(size):
-            row = code.outputs[first + i * size + j]
+            row = work[outputs[size + i * size + j]]
             for k in range(which.size):
                 if which[k]:
-                    factors[i, j, k] = work[row, k]
+                    factors[i, j, k] = row[k]
 
 
 @compiled(inner=True)
@@ -258,96 +257,93 @@ def _weigh(iterate, new, which, kinds, weights):
 
 
 @compiled(inner=True)
+def _copy(values, to):
+    """Copy a row; loops over rows vectorise, and those with sums as indices do not."""
+    for k in range(values.size):
+        to[k] = values[k]
+
+
+@compiled(inner=True)
 def _load(code, law, work, first, count, strain, old, dt, constants):
     """Set the inputs of a block from those of :func:`solve_points`; points after the last one repeat it."""
     strains = code.sizes[law, STRAINS]
-    unknowns = code.sizes[law, UNKNOWNS]
-    memory = code.sizes[law, MEMORY]
-    at_memory = strains + unknowns
-    at_constants = at_memory + memory + 1
-    block = work.shape[1]
+    at_memory = strains + code.sizes[law, UNKNOWNS]
+    at_constants = at_memory + code.sizes[law, MEMORY] + 1
+    end = at_constants + code.sizes[law, CONSTANTS]
+    last = first + count
     for i in range(strains):
-        for k in range(count):
-            work[i, k] = strain[i, first + k]
-    for i in range(memory):
-        for k in range(count):
-            work[at_memory + i, k] = old[i, first + k]
-    for k in range(block):
-        work[at_constants - 1, k] = dt
-    for i in range(constants.shape[0]):
-        for k in range(count):
-            work[at_constants + i, k] = constants[i, first + k if constants.shape[1] > 1 else 0]
-    for i in range(at_constants + constants.shape[0]):
-        for k in range(count, block):
+        _copy(strain[i, first:last], work[i])
+    for i in range(at_memory, at_constants - 1):
+        _copy(old[i - at_memory, first:last], work[i])
+    work[at_constants - 1] = dt
+    for i in range(at_constants, end):
+        if constants.shape[1] > 1:
+            _copy(constants[i - at_constants, first:last], work[i])
+        else:
+            work[i] = constants[i - at_constants, 0]
+    for i in range(end):
+        for k in range(count, work.shape[1]):
             work[i, k] = work[i, count - 1]
 
 
 @compiled(inner=True)
-def _store(code, law, work, part, first, solved_for, wanted, found):
+def _store(code, law, work, part, block, solved_for, wanted, found):
     """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is ``wanted``, a bool."""
     stress, new, _, result = found
-    outputs = code.outputs
-    start = code.output_starts[law, part]
-    stresses = stress.shape[0]
-    memory = new.shape[0]
-    count = min(solved_for.size, stress.shape[1] - first)
-    for i in range(stresses):
-        row = outputs[start + i]
-        for k in range(count):
+    first, last = block
+    outputs = code.outputs[code.output_starts[law, part] :]
+    memory = code.sizes[law, MEMORY]
+    for i in range(memory):
+        to = (stress if i < len(stress) else new)[i, first:last]
+        row = work[outputs[i]]
+        for k in range(to.size):
             if solved_for[k] == wanted:
-                stress[i, first + k] = work[row, k]
-    for i in range(stresses, memory):
-        row = outputs[start + i]
-        for k in range(count):
-            if solved_for[k] == wanted:
-                new[i, first + k] = work[row, k]
+                to[k] = row[k]
     if code.sizes[law, LIMITED] and (part == AFTER or code.sizes[law, UNKNOWNS] == 0):
-        row = outputs[start + memory]
-        for k in range(count):
-            if solved_for[k] == wanted and not work[row, k] >= 0:
+        row = work[outputs[memory]]
+        for k in range(last - first):
+            if solved_for[k] == wanted and not row[k] >= 0:
                 result[first + k] = BEYOND
 
 
 @compiled(inner=True, error_model="numpy")
-def _store_tangents(code, law, work, part, first, solved_for, wanted, tangent, factors):
+def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, factors):
     """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of :func:`_store`."""
     matrices, pivots, columns = factors
+    first, last = block
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
-    outputs = code.outputs
-    start = code.output_starts[law, part]
-    by_unknown = start + strains * strains
+    outputs = code.outputs[code.output_starts[law, part] :]
+    by_unknown = strains * strains
     of_residual = by_unknown + strains * size
     corrected = size if part == SLOPES else 0
-    count = min(solved_for.size, tangent.shape[2] - first)
     for j in range(strains if corrected else 0):
         for i in range(size):
-            row = outputs[of_residual + i * strains + j]
-            for k in range(count):
-                columns[j, i, k] = work[row, k]
+            _copy(work[outputs[of_residual + i * strains + j]], columns[j, i])
         _solve(matrices, pivots, solved_for, columns[j])
     for i in range(strains):
         for j in range(strains):
-            row = outputs[start + i * strains + j]
-            for k in range(count):
+            to = tangent[i, j, first:last]
+            row = work[outputs[i * strains + j]]
+            for k in range(to.size):
                 if solved_for[k] == wanted:
-                    tangent[i, j, first + k] = work[row, k]
+                    to[k] = row[k]
             for a in range(corrected):
-                row = outputs[by_unknown + i * size + a]
-                for k in range(count):
+                row = work[outputs[by_unknown + i * size + a]]
+                for k in range(to.size):
                     if solved_for[k]:
-                        tangent[i, j, first + k] -= work[row, k] * columns[j, a, k]
+                        to[k] -= row[k] * columns[j, a, k]
 
 
 @compiled(inner=True)
-def _finish(code, law, work, part, first, solved_for, wanted, found, factors):
+def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
     """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at the others."""
     run(code.rows, code.starts[law, part], code.ends[law, part], work)
-    _store(code, law, work, part, first, solved_for, wanted, found)
+    _store(code, law, work, part, block, solved_for, wanted, found)
     tangent = found[2]
     if tangent.size > 0:
         run(code.rows, code.starts[law, part + 1], code.ends[law, part + 1], work)
-        _store_tangents(code, law, work, part + 1, first, solved_for, wanted, tangent, factors)
+        _store_tangents(code, law, work, part + 1, block, solved_for, wanted, tangent, factors)
 
 
 @compiled(inner=True, error_model="numpy")
@@ -372,56 +368,60 @@ def _solve_block(code, law, work, first, count, states, found, factors):
             for k in range(solved_for.size):
                 work[code.sizes[law, STRAINS] + i, k] = work[place, k]
         _newton(code, law, work, open_, factors[0], factors[1])
-        _finish(code, law, work, AFTER, first, solved_for, True, found, factors)
+        _finish(code, law, work, AFTER, (first, first + count), solved_for, True, found, factors)
     for k in range(count):
         result[first + k] = max(result[first + k], abs(open_[k]))
     if active < count:
-        _finish(code, law, work, REST, first, solved_for, False, found, factors)
+        _finish(code, law, work, REST, (first, first + count), solved_for, False, found, factors)
 
 
 @compiled(dear="the update of laws of bodies", error_model="numpy")
 def solve_points(
-    code: Code, law: int, strain: np.ndarray, old: np.ndarray, dt: float, constants: np.ndarray,
+    code: Code, law: int, start: int, end: int, strain: np.ndarray, old: np.ndarray, dt: float, constants: np.ndarray,
     compliance: np.ndarray, stress: np.ndarray, new: np.ndarray, tangent: np.ndarray, result: np.ndarray,
 ) -> None:  # fmt: skip
-    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step at n points; tangents may be empty.
+    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step; tangents may be empty.
 
-    Strains are (c, n), constants (constants, n), or (constants, 1) if they are the same at all points, C^-1 is (c, c).
-    ``result`` is one of :data:`SOLVED`, :data:`NOT_SOLVED`, :data:`BEYOND` at each point.
+    The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants (constants, n), or
+    (constants, 1) if they are the same at all points, C^-1 is (c, c). Memory and constants may have more rows than the
+    law. ``result`` is one of :data:`SOLVED`, :data:`NOT_SOLVED`, :data:`BEYOND` at each point.
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
-    block = max(min(BLOCK, (strain.shape[1] + 7) // 8 * 8), 1)  # a rank may have no point of a law
+    blocks = max((end - start + BLOCK - 1) // BLOCK, 1)  # a rank may have no point of a law
+    block = max((end - start + 8 * blocks - 1) // (8 * blocks), 1) * 8
     work = np.empty((code.sizes[law, REGISTERS], block))
     numbers = code.numbers[code.number_ends[law] : code.number_ends[law + 1]]
     set_numbers(numbers, strains + size + code.sizes[law, MEMORY] + 1 + code.sizes[law, CONSTANTS], work)
     factors = np.empty((size, size, block)), np.empty((size, block), dtype=np.int64), np.empty((strains, size, block))
     states = np.zeros(block, dtype=np.bool_), np.zeros(block, dtype=np.int64)
     found = stress, new, tangent, result
-    for first in range(0, strain.shape[1], block):
-        count = min(block, strain.shape[1] - first)
+    result[start:end] = SOLVED
+    for first in range(start, end, block):
+        count = min(block, end - first)
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, found, factors)
-    _set_inelastic(strain, old, compliance, stress, new)
-    for i in range(strains, new.shape[0]):
-        for k in range(result.size):
+    _set_inelastic(start, end, strain, old, compliance, stress, new)
+    for i in range(strains, code.sizes[law, MEMORY]):
+        for k in range(start, end):
             if not abs(new[i, k]) < np.inf:
                 result[k] = max(result[k], NOT_SOLVED)
 
 
 @compiled(inner=True)
-def _set_inelastic(strain, old, compliance, stress, new):
+def _set_inelastic(start, end, strain, old, compliance, stress, new):
     """Set the first rows of ``new`` to ε - C^-1 σ, (c, n); where nothing flowed, it does not change by round-off."""
-    components, points = strain.shape
+    components = len(strain)
     for i in range(components):
-        for k in range(points):
-            new[i, k] = strain[i, k]
+        to = new[i, start:end]
+        _copy(strain[i, start:end], to)
         for j in range(components):
             share = compliance[i, j]
             if share != 0.0:
-                for k in range(points):
-                    new[i, k] -= share * stress[j, k]
-    for k in range(points):
+                row = stress[j, start:end]
+                for k in range(to.size):
+                    to[k] -= share * row[k]
+    for k in range(start, end):
         if new[components, k] == old[components, k]:
             size = 0.0
             change = 0.0

@@ -22,6 +22,7 @@ error on other paths is not estimated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -81,7 +82,7 @@ class TimeError:
 
     def _norm(self, parts: Sequence[np.ndarray]) -> float:
         """Euclidean norm of values at the points of all ranks."""
-        return float(np.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts))))
+        return math.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts)))
 
     def going_on(self, answer: Answer) -> TimeError:
         """Time error after an answer that was solved before in parts: its estimate is known, its rates are not."""
@@ -103,7 +104,7 @@ class TimeError:
         except (ConvergenceError, SceneError):  # a law that has an answer in this step alone
             return self
         largest = max(self.largest, self._norm([stress]))
-        raw, left = (float(np.sqrt(self.together.total(sum(part[k] for part in parts)))) for k in (2, 3))
+        raw, left = (math.sqrt(self.together.total(sum(part[k] for part in parts))) for k in (2, 3))
         return replace(
             self,
             error=tuple(part[0] for part in parts),
@@ -125,34 +126,35 @@ class TimeError:
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
         place = self.bodies[k]
-        points = material.groups[place].indices
+        points = material.groups[place].own
         given = material.given[place]
         old = _there(before, points)
-        flowed = (gauss_of(answer).state.inelastic[points] - old.inelastic) @ given.elastic
-        strain = _strain(answer, points, given)
+        stress, new = gauss_of(answer)
+        inelastic = new.inelastic[points]
+        flowed = (inelastic - old.inelastic) @ given.elastic
+        strain = stress[points] @ given.compliance + inelastic
         law: Any = material.groups[place].law
         tangents = law.update(strain, old, dt, given, tangent=True).tangents
         rate = _rate(law, answer, points, given, dt) if law.swells else flowed / dt
         rest = self.rate[k] if self.rate is not None else _rate(law, before, points, given, dt)
         added = dt * (rate - rest) / 2
-        filters = tangents @ law.compliances(given)
-        error = np.einsum("nij,nj->ni", filters, self.error[k] + added)
-        kept = np.einsum("nij,nj->ni", filters, added)
+        inverse = law.compliances(given)
+        error, kept = ((tangents @ (inverse @ part[..., None]))[..., 0] for part in (self.error[k] + added, added))
         return error, rate, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
-def _there(answer: Answer, points: np.ndarray) -> State:
+def _there(answer: Answer, points: slice | np.ndarray) -> State:
     """State of an answer at some points."""
     return State(*(part[points] for part in gauss_of(answer).state))
 
 
-def _strain(answer: Answer, points: np.ndarray, given: Given) -> np.ndarray:
+def _strain(answer: Answer, points: slice | np.ndarray, given: Given) -> np.ndarray:
     """Strain of an answer at some points, from stress and inelastic strain, (n, c)."""
     found: np.ndarray = gauss_of(answer).stress[points] @ given.compliance
     return found + gauss_of(answer).state.inelastic[points]
 
 
-def _rate(law: LawProgram, answer: Answer, points: np.ndarray, given: Given, dt: float) -> np.ndarray:
+def _rate(law: LawProgram, answer: Answer, points: slice | np.ndarray, given: Given, dt: float) -> np.ndarray:
     """C times the rate of inelastic strain at a stress: the flow of a law in a short time, (n, c).
 
     A first moment takes up changes of constants since the answer, which swell at once.

@@ -32,6 +32,13 @@ class Group:
     # places of these points, (n, d), if formulas of its law name coordinates
     places: Annotated[Floats, "placed", "coordinates"] = field(default_factory=lambda: np.zeros((0, 0)))
 
+    @cached_property
+    def own(self) -> slice | np.ndarray:
+        """Its indices, as a slice, which copies nothing, if they are consecutive."""
+        indices = self.indices
+        consecutive = indices.size and np.array_equal(indices, np.arange(indices[0], indices[0] + indices.size))
+        return slice(indices[0], indices[-1] + 1) if consecutive else indices
+
     def some(self, numbers: np.ndarray, indices: np.ndarray) -> Group:
         """Group of some of its points, by their numbers among the Gauss points, with other indices, (k,) each."""
         if not self.coordinates:
@@ -245,7 +252,7 @@ class Material:
         state = State(np.zeros_like(old.inelastic), old.cumulated.copy(), old.memory.copy())
         tangents = np.empty((*strain.shape, self.components)) if tangent else None
         for group, given in zip(self.groups, self.given, strict=True):
-            own = group.indices
+            own = group.own
             law = group.law
             if law is None:
                 stress[own] = strain[own] @ given.elastic

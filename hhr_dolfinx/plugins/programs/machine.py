@@ -8,8 +8,9 @@ from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.plugins.programs.graph import LARGEST_POWER
 from hhr_dolfinx.plugins.programs.program import CODES, Program
 
-BLOCK = 64
-"""Points that are evaluated together: their registers stay in the cache of the processor."""
+BLOCK = 256
+"""Most points that are evaluated together: their registers stay in the cache of the processor."""
+BITS = LARGEST_POWER.bit_length()
 ADD, SUB, MUL, DIV, NEG = (CODES[name] for name in ("add", "sub", "mul", "div", "neg"))
 SQRT, EXP, LOG, POW, ABS = (CODES[name] for name in ("sqrt", "exp", "log", "pow", "abs"))
 SIN, COS, TAN, ASIN, ACOS, ATAN = (CODES[name] for name in ("sin", "cos", "tan", "asin", "acos", "atan"))
@@ -18,18 +19,25 @@ LT, LE, EQ, AND, OR, NOT, SELECT = (CODES[name] for name in ("lt", "le", "eq", "
 
 
 @compiled(inner=True, error_model="numpy")
-def _power(base: float, exponent: float) -> float:
-    """base**exponent, by products, which are quicker, if the exponent is a small whole number."""
-    if exponent != np.floor(exponent) or not 0 <= exponent <= LARGEST_POWER:
-        return base**exponent
-    result = 1.0
-    rest = int(exponent)
-    while rest:
-        if rest & 1:
-            result *= base
-        rest >>= 1
-        base *= base
-    return result
+def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
+    """Set ``to`` to powers: by products, which are quicker, if all exponents are the same small whole number."""
+    shared = exponents[0]
+    same = 0
+    for exponent in exponents:
+        same += exponent == shared
+    if same < to.size or shared != np.floor(shared) or not 0 <= shared <= LARGEST_POWER:
+        for k in range(to.size):
+            to[k] = bases[k] ** exponents[k]
+        return
+    for k in range(to.size):
+        rest = int(shared)
+        square = bases[k]
+        result = 1.0
+        for _ in range(BITS):  # unrolled, and without branches, so that the loop over points vectorises
+            result = result * square if rest & 1 else result
+            square *= square
+            rest >>= 1
+        to[k] = result
 
 
 @compiled(inner=True, error_model="numpy")
@@ -109,10 +117,10 @@ def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
         elif code == SELECT:
             c = rows[row, 4]
             for k in range(count):
-                work[to, k] = work[b, k] if work[a, k] != 0 else work[c, k]
+                yes, no = work[b, k], work[c, k]  # both are read, so that the loop vectorises
+                work[to, k] = yes if work[a, k] != 0 else no
         elif code == POW:
-            for k in range(count):
-                work[to, k] = _power(work[a, k], work[b, k])
+            _powers(work[a], work[b], work[to])
         else:
             for k in range(count):
                 work[to, k] = _rare(code, work[a, k], work[b, k])

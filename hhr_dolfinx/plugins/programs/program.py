@@ -194,12 +194,12 @@ class _Registers:
         for when, node in enumerate(own):
             kind, *args = nodes[node]
             used = [self._place(part, arg) for arg in args]
-            ended = {arg for arg in args if last[arg] == when and arg in places and arg not in kept}
-            free = free + sorted((places[arg] for arg in ended), reverse=True)
             if not free:
                 free = [self.size]
                 self.size += 1
-            places[node] = free.pop()
+            places[node] = free.pop()  # no operand, as loops over points that overwrite one do not vectorise
+            ended = {arg for arg in args if last[arg] == when and arg in places and arg not in kept}
+            free += sorted((places[arg] for arg in ended), reverse=True)
             rows.append([CODES[kind], places[node], *used, *[0] * (3 - len(used))])
         self.rows.append(rows)
         return free
