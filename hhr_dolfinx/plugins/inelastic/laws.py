@@ -24,8 +24,9 @@ _AMOUNT = {"amount": NUMBER}
 _STRESS = {"stress": NUMBER}
 _YIELD = {"yield_stress": POSITIVE, "hardening": NOT_NEGATIVE}
 _CREEP = {"resistance": POSITIVE, "exponent": AT_LEAST_ONE}
-MESH_FRAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Unit vectors of the mesh."""
+Frame = tuple[tuple[float, float, float], ...]
+AXES: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors, as rows; those of the mesh."""
 
 
 class _Stated(Law):
@@ -49,7 +50,7 @@ class _Stated(Law):
 class _Framed(_Stated):
     """A law in a frame of the material."""
 
-    frame: tuple[tuple[float, float, float], ...]
+    frame: Frame
     passed: ClassVar = ("frame",)
 
     def __post_init__(self) -> None:
@@ -294,7 +295,7 @@ class Hill(_Framed):
     l: float | str
     m: float | str
     n: float | str
-    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    frame: Frame = AXES
     unknowns: ClassVar = {"ratio": NUMBER}
     limits: ClassVar = {**_YIELD, **dict.fromkeys("fghlmn", POSITIVE)}
     stated: ClassVar = "hill"
@@ -320,7 +321,7 @@ class Orthotropic(_Framed):
     shear_12: float | str
     shear_13: float | str
     shear_23: float | str
-    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    frame: Frame = AXES
     limits: ClassVar = dict.fromkeys(("young_1", "young_2", "young_3", "shear_12", "shear_13", "shear_23"), POSITIVE)
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
@@ -337,23 +338,12 @@ class Orthotropic(_Framed):
 
     @classmethod
     def transverse(
-        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, **more: object
+        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, frame: Frame = AXES
     ) -> Orthotropic:
         """Isotropic across the first axis: moduli along and across it, contraction across of a pull along it, ratio
         across, and shear modulus along."""
         plane = across / (2 * (1 + ratio_across))
-        return cls(
-            along,
-            across,
-            across,
-            ratio_along,
-            ratio_along,
-            ratio_across,
-            shear,
-            shear,
-            plane,
-            **more,  # type: ignore[arg-type]
-        )
+        return cls(along, across, across, ratio_along, ratio_along, ratio_across, shear, shear, plane, frame)
 
 
 @dataclass(frozen=True)

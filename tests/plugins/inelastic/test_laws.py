@@ -460,11 +460,11 @@ class Wrong(Law):
 
 @pytest.mark.parametrize(
     ("mistake", "said"),
-    [("stress", "a stress of 1 components for 6"), ("memory", r"a memory \['damaged'\]"),
+    [("stress", "a stress of 1 components for 6"), ("memory", r"returns the memory \['damaged'\]"),
      ("residual", "1 unknowns and 0 residuals"), ("none", "returns None: return a Stated"),
      ("undeclared", r"no attribute 'strength'. Its constants are \['modulus'\], fields that are declared float"),
      ("number", "State it by functions of UFL"), ("start", r"'amnt', and has the unknowns \['amount'\]"),
-     ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and states another number"),
+     ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and returns 6"),
      ("operation", "BesselJ is no operation of a program")],
 )  # fmt: skip
 def test_a_law_with_a_mistake_is_refused_by_name(mistake, said):
