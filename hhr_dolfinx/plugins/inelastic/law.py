@@ -77,13 +77,14 @@ class Law:
     """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are constants.
 
     Attributes:
-        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; besides, each law has the
-            tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated``.
-        unknowns: the same of the unknowns of a step.
+        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; each law has the tensor
+            ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
+        unknowns: sizes of the unknowns of a step by name.
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
-        elastic: whether its constants, numbers, state the elasticity instead of E and ν of the body.
-        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: creep then counts in short steps.
+        elastic: whether its constants, which are numbers, state the elasticity instead of E and ν of the body.
+        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: the time error then takes the rate
+            of creep from a short step.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -330,7 +331,7 @@ class LawProgram(Rebuilt):
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
     def compliances(self, given: Given) -> np.ndarray:
-        """Inverse of the tangents at rest, (n, c, c) or (1, c, c) if points share constants: C^-1 with an own E too."""
+        """C^-1 with the modulus that the law states, if any, (n, c, c), or (1, c, c) if points share constants."""
         if not self.swells:
             return given.compliance[None]
         return np.linalg.pinv(self._at_rest(given.constants))

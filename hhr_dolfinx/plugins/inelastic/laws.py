@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _AMOUNT = {"amount": NUMBER}
 _STRESS = {"stress": NUMBER}
 _YIELD = {"yield_stress": POSITIVE, "hardening": NOT_NEGATIVE}
+_CONE = (0.0, 3**0.5)
 _CREEP = {"resistance": POSITIVE, "exponent": AT_LEAST_ONE}
 Frame = tuple[tuple[float, float, float], ...]
 AXES: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -264,7 +265,7 @@ class DruckerPrager(_Stated):
 
     Attributes:
         cohesion: k, a stress.
-        friction: η.
+        friction: η; of an angle of friction φ and the compressive cone 6 sin φ / (√3 (3 - sin φ)), below √3.
         dilatancy: ψ, between 0 and η; η is associated.
         hardening: H, a stress.
     """
@@ -273,7 +274,7 @@ class DruckerPrager(_Stated):
     friction: float | str
     dilatancy: float | str
     hardening: float | str = 0.0
-    limits: ClassVar = {"cohesion": POSITIVE, "friction": POSITIVE, "dilatancy": POSITIVE, "hardening": NOT_NEGATIVE}
+    limits: ClassVar = {"cohesion": POSITIVE, "friction": _CONE, "dilatancy": _CONE, "hardening": NOT_NEGATIVE}
     stated: ClassVar = "drucker_prager"
 
 
