@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -119,17 +118,14 @@ class TabulatedHardening(_Stated):
 
     def __post_init__(self) -> None:
         try:
-            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T.tolist()
+            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
         except (TypeError, ValueError):
             raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
-        if not np.isfinite([places, heights]).all():
-            raise SceneError(f"the table {self.points} must hold finite numbers")
-        grows = all(one < other for one, other in pairwise(places))
-        falls = any(one > other for one, other in pairwise(heights))
-        if not (len(places) > 1 and places[0] == 0 and heights[0] > 0 and grows) or falls:
+        begins = len(places) > 1 and places[0] == 0 and heights[0] > 0 and np.isfinite([places, heights]).all()
+        if not begins or (np.diff(places) <= 0).any() or (np.diff(heights) < 0).any():
             raise SceneError(
-                f"the table {self.points} needs (p, stress) with p growing from 0, and a stress that is positive and "
-                "does not fall: softening has no answer that does not depend on the mesh"
+                f"the table {self.points} needs finite (p, stress), p growing from 0, and a stress that is positive "
+                "and does not fall: softening has no answer that does not depend on the mesh"
             )
 
 
