@@ -124,7 +124,7 @@ class Law:
         """Constants by name, numbers or formulas."""
         if not is_dataclass(self):
             raise SceneError(f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class")
-        named = [item.name for item in fields(self) if _is_constant(item.type)]  # type: ignore[arg-type]
+        named = [item.name for item in fields(self) if _is_constant(item.type)]
         return {name: getattr(self, name) for name in named}
 
     def __init_subclass__(cls) -> None:
@@ -456,18 +456,19 @@ class _Made:
             "constant": dict.fromkeys((*_ELASTIC, *law.constants()), 1),
         }
         self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
-        table = {}
+        table: dict[Any, list[int]] = {}
         spaces = {}
         every = {(kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()}
         shapes = {f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()}
         found = symbols(**shapes | ({"strain_strain": (3, 3)} if law.finite else {}))
         for kind, sizes in self.sizes.items():
-            nodes = [self.graph.input(kind, place) for place in range(sum(sizes.values()))]
+            nodes: list[int] = []
+            for name, size in sizes.items():
+                own = [self.graph.input(kind, len(nodes) + place) for place in range(size)]
+                table[found[f"{kind}_{name}"]] = own
+                nodes += own
             self.inputs[kind] = nodes
-            own = {name: found[f"{kind}_{name}"] for name in sizes}
-            ends = np.cumsum([*sizes.values()]).tolist()
-            table |= {own[name]: nodes[end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
-            spaces[kind] = SimpleNamespace(**own)
+            spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
         at = At(spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"])
         self.stated = self._stated(at)
         self._of = lambda expression: nodes_of(self.graph, expression, table)
