@@ -456,7 +456,7 @@ class _Made:
             "constant": dict.fromkeys((*_ELASTIC, *law.constants()), 1),
         }
         self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
-        table: dict[Any, list[int]] = {}
+        table: dict[object, list[int]] = {}
         spaces = {}
         every = {(kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()}
         shapes = {f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()}
