@@ -8,7 +8,7 @@ creeps by Arrhenius' law and loses stiffness as it gets hot; the flange grows mo
     B u <= g,  λ >= 0,  λ·(B u - g) = 0,    |λ_t| <= f λ_n    under the head
 
 What to see: the tighter the bolt, the faster its preload goes; a shutdown takes some of it for a while, as the flange
-shrinks more. Years take the small model, with all contact forces and slips, half a second.
+shrinks more. The small model takes half a second for years, with all contact forces and slips.
 
     python demos/bolt_preload.py [--out DIR] [--quick] [--seed N]
 """

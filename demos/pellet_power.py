@@ -28,7 +28,7 @@ RADIUS, CONDUCTIVITY, ROOM, HOUR, DAY = 4.1, 3.0, 293.0, 3600.0, 86400.0
 SURFACE = "(320 + 3 * q)"
 """Temperature of the pellet's surface above that of the room, in K; q in kW/m."""
 RISE = f"(1e3 * q / (4 * pi * {CONDUCTIVITY}))"
-"""The same of its axis above its surface."""
+"""Temperature of its axis above that of its surface, in K."""
 HOT = f"{ROOM} + {SURFACE} + {RISE} * (1 - (r / {RADIUS})**2)"
 SWELLING = 7e-4
 """Linear strain of swelling per 10 MWd/kg."""
@@ -88,7 +88,7 @@ def forces_of(history: Any) -> np.ndarray:
 
 
 def drawn(model: Any, family: hhr.PathFamily, file: Path) -> None:
-    """The force over the steps of histories that are alike but for the power of the ramp."""
+    """The force over the steps of histories that differ in the power of the ramp only."""
     from hhr_dolfinx.plugins.studies.plots import plot_curves
 
     lines = {}

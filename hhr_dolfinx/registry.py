@@ -131,7 +131,7 @@ def installed() -> Mapping[str, Plugin]:
 
 
 def _leave_out(name: str, why: str) -> None:
-    warn(f"the plug-in '{name}' is left out: {why}", PluginWarning, stacklevel=3)
+    warn(f"the plug-in '{name}' is left out: {why}", PluginWarning)
 
 
 def load(place: str) -> Any:

@@ -34,7 +34,7 @@ def announce(message: str, outside: str) -> None:
     if outside == "refuse":
         raise OutsideTrainingError(message)
     if outside == "warn":
-        warn(message, OutsideTrainingWarning, stacklevel=3)
+        warn(message, OutsideTrainingWarning)
 
 
 class Trained(Protocol):

@@ -29,12 +29,15 @@ _Handler = Callable[[Warned], bool]
 _HANDLERS: ContextVar[tuple[_Handler, ...]] = ContextVar("handlers of warnings", default=())
 
 
-def warn(message: str, category: type[Warning], stacklevel: int = 1) -> None:
-    """Warn as ``warnings.warn``, unless an enclosing block ignores or collects the warning."""
-    try:
-        frame = sys._getframe(stacklevel)
-    except ValueError:  # fewer frames than that
-        frame = sys._getframe(1)
+_INSIDE = {"hhr_dolfinx", "contextlib", "functools", "importlib"}
+"""Modules whose lines say nothing to the user: those of the package, and those by which they call each other."""
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn, for the line that called the package, unless an enclosing block ignores or collects the warning."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
+        frame = frame.f_back
     _repeat(Warned(message, category, frame.f_code.co_filename, frame.f_lineno), frame.f_globals)
 
 

@@ -279,7 +279,7 @@ def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:
             f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
         )
     advice = f"Give {'a history' if paths else f'at least {FEW}'} as held_out, as train does"
-    warn(f"{warning}. {advice}", UncheckedWarning, stacklevel=4)
+    warn(f"{warning}. {advice}", UncheckedWarning)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
@@ -338,7 +338,7 @@ def _share(value: float) -> str:
 
 
 def _warn(message: str, category: type[Warning] = StabilityWarning) -> None:
-    warn(message, category, stacklevel=4)
+    warn(message, category)
 
 
 TRAINED = "trained history"

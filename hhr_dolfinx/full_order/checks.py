@@ -71,7 +71,6 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
             f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
             "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
             SceneWarning,
-            stacklevel=2,
         )
 
 
@@ -330,7 +329,6 @@ def conditions_with_unknowns(
             f"penetrate, most ({-least[worst]:.3g}) at {rows.points[imposed[worst]].tolist()} for {mu}: no force acts "
             "there. Change these displacements, the gap or the box of the parameters",
             SceneWarning,
-            stacklevel=3,
         )
     return np.flatnonzero(unknown)
 

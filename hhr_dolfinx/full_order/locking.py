@@ -63,14 +63,14 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
                 "load, and its pressures oscillate from cell to cell. "
                 f"Mesh it with {SIMPLICES[cell]}, which do not lock here"
             )
-            warn(said, LockingWarning, stacklevel=3)
+            warn(said, LockingWarning)
         elif keeps and body.law is None:
             said += (
                 " displacements are of second order: sums and means of contact pressures are right, and those of "
                 "single nodes alternate around them. Read resultants and means, or refine: the errors fall with the "
                 "square of the cells"
             )
-            warn(said, LockingWarning, stacklevel=3)
+            warn(said, LockingWarning)
     return (False,) * len(bodies)
 
 

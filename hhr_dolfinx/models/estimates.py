@@ -253,7 +253,6 @@ def warn_unbounded(fields: Any) -> None:
             f"nothing is known of the errors of these answers: {why}. They were compared with answers held "
             "out, and may be far off between them: hold out more, or ask the full model where it counts",
             NoBoundWarning,
-            stacklevel=4,
         )
 
 

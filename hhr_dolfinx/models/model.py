@@ -264,7 +264,6 @@ class AnsweringModel(Shown):
             f"{self.parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds "
             "outputs that read it. For one answer hold the body by a displacement, or load it",
             UndeterminedWarning,
-            stacklevel=3,
         )
 
     def _checked_outside(self, outside: str) -> str:
@@ -375,7 +374,7 @@ def _former(name: str) -> property:
     """Law of the contacts by the former name of the attribute, for one version."""
 
     def law(model: AnsweringModel) -> ContactLaw | None:
-        warn(f"model.{name} is now model.law", DeprecationWarning, stacklevel=2)
+        warn(f"model.{name} is now model.law", DeprecationWarning)
         return model.law if model.law.plugin else None
 
     return property(law)

@@ -104,7 +104,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
     plain = model.for_file()
     if plain is not model:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
-        warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
+        warn(f"{path} holds no code, {why}", ModelFileWarning)
     try:
         tree, arrays = as_plain(plain, Kinds())
         write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)

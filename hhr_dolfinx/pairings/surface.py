@@ -295,7 +295,7 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
 
 def warn(message: str) -> None:
     """Warn of a doubtful pairing."""
-    report(message, PairingWarning, stacklevel=2)
+    report(message, PairingWarning)
 
 
 def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -62,9 +62,7 @@ class Lost:
         if count - len(self.failures) < least:
             raise ConvergenceError(f"{message}. Fewer than {least} are left: lower the loads, or narrow the box")
         warn(
-            f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box",
-            TrainingWarning,
-            stacklevel=3,
+            f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box", TrainingWarning
         )
 
 

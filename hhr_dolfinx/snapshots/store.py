@@ -212,7 +212,7 @@ class SnapshotStore:
         except FileContentError as error:
             message = f"{error}: {self._path(query).name} at {point.tolist()} is solved anew and replaced"
             if aloud:
-                warn(message, SnapshotFileWarning, stacklevel=5)
+                warn(message, SnapshotFileWarning)
 
     def _read(self, point: np.ndarray, query: list) -> Answer | None:
         path = self._path(query)
@@ -289,7 +289,7 @@ class ArrayStore:
         except FileNotFoundError:
             return None
         except FileContentError as error:
-            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning, stacklevel=3)
+            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning)
             return None
         return arrays if header == self._header(key) else None
 

@@ -102,3 +102,16 @@ def test_a_block_is_of_its_own_thread():
         outside.wait(timeout=20)
 
     at_once([quiet, loud])
+
+
+def test_warnings_name_the_line_that_called_the_package():
+    """However deep in it they are, and through decorators of the standard library."""
+    inside = {"__name__": "hhr_dolfinx.deep", "warn": warn}
+    exec(
+        "import contextlib\n@contextlib.contextmanager\ndef held():\n    yield\n"
+        "@held()\ndef inner():\n    warn('deep', UserWarning)\ndef outer():\n    inner()\n",
+        inside,
+    )
+    with pytest.warns(UserWarning, match="deep") as heard:
+        inside["outer"]()
+    assert heard[0].filename == __file__

@@ -84,7 +84,7 @@ def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
     if collected is not None:
         collected.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
-        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=6)
+        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning)
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def told_once(what: str = "") -> Iterator[None]:
     large = [item for item in estimates if item > ACCEPTED]
     if what and large:
         text = f"the time steps of {len(large)} of {len(estimates)} {what} {_said(max(large))}"
-        warn(text, TimeStepWarning, stacklevel=5)
+        warn(text, TimeStepWarning)
 
 
 def _said(estimate: float) -> str:

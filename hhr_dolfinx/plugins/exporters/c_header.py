@@ -68,7 +68,6 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             f"{', '.join(tree['missing'])} stay out of C: outputs that read displacements where stiffness or shape "
             "varies, areas where shapes do, or squares of stress and strain are read in Python alone",
             ModelFileWarning,
-            stacklevel=3,
         )
     data = _Data(tree, arrays.arrays)
     text = kernel_file("kernel.h").replace("MODEL_TITLE", name)

@@ -240,7 +240,6 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
                 f"other motions of it, {what}. If its surfaces are round only their facets do so, and turned far they "
                 "open every gap. Hold the turn by a displacement where that is not meant",
                 SceneWarning,
-                stacklevel=3,
             )
     return found_round
 
@@ -289,5 +288,4 @@ def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.nda
             f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by a displacement where "
             "that is not meant",
             SceneWarning,
-            stacklevel=2,
         )

@@ -103,5 +103,4 @@ class FarSliding:
             "nodes it faces where it was meshed, and still presses on these. Pair surfaces that slide far anew, "
             "hhr.slide(scene)",
             FarSlidingWarning,
-            stacklevel=4,
         )

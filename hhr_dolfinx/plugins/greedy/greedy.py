@@ -194,7 +194,6 @@ class Greedy:
                 f"the greedy training ended after {len(points)} answers, its budget is {self.budget}: its indicator is "
                 f"{rounds[-1].worst:.2g} where {self.tolerance:g} was wished. Raise the budget, or accept that error",
                 BudgetWarning,
-                stacklevel=3,
             )
         return known, Choice(points, tuple(rounds), self._recipe(full))
 

@@ -78,8 +78,6 @@ class LawOfParameters:
                     f"{what}: {error}, at {_place(self._names, point)}. Give the table further points, or narrow the "
                     "box of the parameters"
                 ) from None
-            except TypeError:  # the value is complex, such as the root of a negative number
-                found[field] = math.nan
             if not np.isfinite(found[field]).all():
                 raise SceneError(
                     f"{what} is {found[field]} at {_place(self._names, point)}: change the formula, or narrow the box "
@@ -128,7 +126,7 @@ def _place(names: Sequence[str], point: np.ndarray) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
 
-def check_law(
+def check_law_over_box(
     law: Any, space: ParameterSpace, what: str, coordinates: Sequence[str] = (), places: np.ndarray | None = None
 ) -> None:
     """Raise SceneError unless the constants of a law are valid in the whole box; ``what`` names its owner.

@@ -26,7 +26,7 @@ from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
-from hhr_dolfinx.plugins.inelastic.constants import check_law
+from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
@@ -309,7 +309,7 @@ def bodies_of(scene: Scene) -> GaussModel:
     """The Gauss points of a scene: the facet ``full_order``; SceneError for constants of laws not valid in the box."""
     for body in scene.bodies:
         names = coordinate_names(scene.hypothesis)
-        check_law(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
+        check_law_over_box(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
     discretisation = Discretisation(scene, MPI.COMM_SELF)
     operator = strain_operator(discretisation)
     bodies = discretisation.cell_bodies()

@@ -19,7 +19,7 @@ from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
-from hhr_dolfinx.plugins.inelastic.constants import check_law, parameters_of
+from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box, parameters_of
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -56,7 +56,7 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
         names = coordinate_names(scene.hypothesis)
         if parameters_of(law) & (set(names) - set(scene.parameters.names)):
             given = replace(given, coordinates=names, places=places_of(discretisation)[numbers])
-            check_law(law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names, given.places)
+            check_law_over_box(law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names, given.places)
         groups.append(given)
     return Material(groups, operator.components, scene.parameters.names)
 

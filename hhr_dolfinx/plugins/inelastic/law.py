@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
@@ -64,11 +64,12 @@ AT_LEAST_ONE = (math.nextafter(1.0, 0.0), math.inf)
 ANY = (-math.inf, math.inf)
 LARGEST = sys.float_info.max
 """Open intervals of constants."""
-STANDARD = ("inelastic", "cumulated")
+STANDARD = {"inelastic": TENSOR, "cumulated": NUMBER}
 """Internal variables that every law has."""
+INPUTS = ("strain", "y", "old", "dt", "constant")
+"""Inputs of programs in their order: strain, unknowns, memory, duration of the step, and constants after E and ν."""
 ORDER = Order((None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({TRIAL, START}), LOCAL)
 """Order of the parts of a program."""
-_OF_ALL = dict(zip(STANDARD, (TENSOR, NUMBER), strict=True))
 _ELASTIC = ("young", "poisson")
 
 
@@ -76,13 +77,14 @@ class Law:
     """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are constants.
 
     Attributes:
-        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; besides, each law has the
-            tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated``.
-        unknowns: the same of the unknowns of a step.
+        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; each law has the tensor
+            ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
+        unknowns: sizes of the unknowns of a step by name.
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
-        elastic: whether its constants, numbers, state the elasticity instead of E and ν of the body.
-        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: creep then counts in short steps.
+        elastic: whether its constants, which are numbers, state the elasticity instead of E and ν of the body.
+        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: the time error then takes the rate
+            of creep from a short step.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -120,7 +122,9 @@ class Law:
 
     def constants(self) -> dict[str, float | str]:
         """Constants by name, numbers or formulas."""
-        named = [item.name for item in fields(self) if _is_constant(item.type)]  # type: ignore[arg-type]
+        if not is_dataclass(self):
+            raise SceneError(f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class")
+        named = [item.name for item in fields(self) if _is_constant(item.type)]
         return {name: getattr(self, name) for name in named}
 
     def __init_subclass__(cls) -> None:
@@ -239,8 +243,8 @@ class LawProgram(Rebuilt):
         found = np.diff(self.program.output_ends, prepend=0).tolist()
         if found != self._outputs():
             raise SceneError(f"the program of the law {self.name!r} has {found} outputs, and needs {self._outputs()}")
-        if self.memory[:2] != STANDARD or self.sizes[:2].tolist() != [self.strains, 1]:
-            raise SceneError(f"the memory of the law {self.name!r} must begin with {STANDARD}")
+        if self.memory[:2] != (*STANDARD,) or self.sizes[:2].tolist() != [self.strains, 1]:
+            raise SceneError(f"the memory of the law {self.name!r} must begin with {(*STANDARD,)}")
         if ((self.kinds < 0) | (self.kinds >= max(len(self.kinds), 1))).any() or (self.sizes < 1).any():
             raise SceneError(f"the law {self.name!r} has sizes that cannot be")
 
@@ -327,7 +331,7 @@ class LawProgram(Rebuilt):
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
     def compliances(self, given: Given) -> np.ndarray:
-        """Inverse of the tangents at rest, (n, c, c) or (1, c, c) if points share constants: C^-1 with an own E too."""
+        """C^-1 with the modulus that the law states, if any, (n, c, c), or (1, c, c) if points share constants."""
         if not self.swells:
             return given.compliance[None]
         return np.linalg.pinv(self._at_rest(given.constants))
@@ -382,20 +386,14 @@ class _Thin(Law):
                 "stress: take plane strain or a solid"
             )
         self.law = law
-        self.elastic = law.elastic  # type: ignore[misc]
-        self.swells = law.swells  # type: ignore[misc]
-        self.memory = {**law.memory, "across": NUMBER}  # type: ignore[misc]
-        self.unknowns = {**law.unknowns, "across": NUMBER}  # type: ignore[misc]
-        self.limits = law.limits  # type: ignore[misc]
+        across = {"across": NUMBER}
+        vars(self).update(elastic=law.elastic, swells=law.swells, limits=law.limits, constants=law.constants)
+        vars(self).update(memory={**law.memory, **across}, unknowns={**law.unknowns, **across})
 
     @property
     def name(self) -> str:
         """See :class:`Law`."""
         return self.law.name
-
-    def constants(self) -> dict[str, float | str]:
-        """See :class:`Law`."""
-        return self.law.constants()
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
@@ -412,20 +410,22 @@ def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProg
         )
     law = law.in_plane_stress() if plane_stress else law
     made = _Made(law, strains)
+    parts = made.parts()
     named = law.constants()
     limits = [law.limits.get(name, ANY) for name in named]
+    unknowns = [*made.sizes["y"].values()]
     return LawProgram(
         law.name,
-        made.program(),
+        Program.of(made.graph, {kind: len(made.inputs[kind]) for kind in INPUTS}, parts, ORDER),
         strains,
         (*STANDARD, *law.memory),
-        np.array(list(law_sizes({**_OF_ALL, **law.memory}, strains).values()), dtype=np.int64),
-        np.repeat(np.arange(len(law.unknowns)), list(law_sizes(law.unknowns, strains).values())).astype(np.int64),
+        np.array([*made.sizes["old"].values()], dtype=np.int64),
+        np.repeat(np.arange(len(unknowns)), unknowns).astype(np.int64),
         tuple(named),
         tuple(value if isinstance(value, str) else float(value) for value in named.values()),
         np.nan_to_num([low for low, _ in limits]).astype(float),  # files hold no infinite numbers
         np.nan_to_num([high for _, high in limits]).astype(float),
-        made.rated,
+        made.inputs["dt"][0] in made.graph.needed([node for part in parts for node in part]),
         law.elastic,
         made.stated.reason,
         plane_stress,
@@ -440,36 +440,36 @@ class _Made:
         from hhr_dolfinx.forms.laws import At
         from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
 
-        self.graph = Graph()
-        self.law = law
         declared = [*law.memory.values(), *law.unknowns.values()]
         if set(law.memory) & set(STANDARD) or not all(type(size) is int and size >= 0 for size in declared):
             raise SceneError(
                 f"{law.name} declares the memory {dict(law.memory)} and the unknowns {dict(law.unknowns)}: sizes are "
-                f"NUMBER, TENSOR or whole numbers, and {STANDARD} are those of each law"
+                f"NUMBER, TENSOR or whole numbers, and {(*STANDARD,)} are those of each law"
             )
-        groups: dict[str, dict[str, int]] = {
+        self.law = law
+        self.graph = Graph()
+        self.sizes: dict[str, dict[str, int]] = {  # of each symbol
+            "strain": {"strain": strains},
+            "dt": {"dt": 1},
             "y": law_sizes(law.unknowns, strains),
-            "old": law_sizes({**_OF_ALL, **law.memory}, strains),
+            "old": law_sizes({**STANDARD, **law.memory}, strains),
             "constant": dict.fromkeys((*_ELASTIC, *law.constants()), 1),
         }
-        counts = {kind: sum(sizes.values()) for kind, sizes in groups.items()}
-        self.inputs = {"strain": strains, "y": counts["y"], "old": counts["old"], "dt": 1} | {
-            "constant": counts["constant"]
-        }
-        shapes: dict[str, tuple[int, ...]] = {"strain": (3, 3) if law.finite else (strains,), "dt": ()}
-        for kind, sizes in groups.items():
-            shapes |= {f"{kind}_{name}": (size,) if size > 1 else () for name, size in sizes.items()}
-        found = symbols(**shapes)
-        table = {found["strain"]: self._nodes("strain", 0, strains), found["dt"]: self._nodes("dt", 0, 1)}
+        self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
+        table: dict[object, list[int]] = {}
         spaces = {}
-        for kind, sizes in groups.items():
-            first = 0
+        every = {(kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()}
+        shapes = {f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()}
+        found = symbols(**shapes | ({"strain_strain": (3, 3)} if law.finite else {}))
+        for kind, sizes in self.sizes.items():
+            nodes: list[int] = []
             for name, size in sizes.items():
-                table[found[f"{kind}_{name}"]] = self._nodes(kind, first, size)
-                first += size
+                own = [self.graph.input(kind, len(nodes) + place) for place in range(size)]
+                table[found[f"{kind}_{name}"]] = own
+                nodes += own
+            self.inputs[kind] = nodes
             spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
-        at = At(found["strain"], spaces["y"], spaces["old"], found["dt"], spaces["constant"])
+        at = At(spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"])
         self.stated = self._stated(at)
         self._of = lambda expression: nodes_of(self.graph, expression, table)
 
@@ -482,7 +482,7 @@ class _Made:
             found: Any = law.statement(at)
         except SceneError:
             raise
-        except AttributeError as error:
+        except (AttributeError, KeyError) as error:  # a name that it does not have
             raise SceneError(
                 f"the statement of {law.name} fails: {error}. Its constants are {sorted(law.constants())}, fields that "
                 f"are declared float or float | str; its unknowns {list(law.unknowns)}; its memory {list(law.memory)}"
@@ -490,10 +490,12 @@ class _Made:
         except Exception as error:  # code of anybody
             raise SceneError(
                 f"the statement of {law.name} fails with {type(error).__name__}: {error}. State it by functions of "
-                "UFL, ufl.sqrt for math.sqrt"
+                "UFL, ufl.sqrt for math.sqrt, ufl.conditional for if, and of forms.laws, trace for ufl.tr"
             ) from error
         if not isinstance(found, Stated):
             raise SceneError(f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws")
+        if not isinstance(found.residual, list | tuple):
+            raise SceneError(f"the residual of {law.name} must be a list, of an equation for each unknown")
         wrong = sorted((set(found.start) | set(found.rest)) - set(law.unknowns))
         if wrong:
             raise SceneError(f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns {list(law.unknowns)}")
@@ -501,52 +503,47 @@ class _Made:
             raise SceneError(f"{law.name} states a limit without a reason, or a reason without a limit: give both")
         return found
 
-    def _nodes(self, kind: str, first: int, size: int) -> list[int]:
-        return [self.graph.input(kind, first + place) for place in range(size)]
-
     def _initial(self, given: Mapping[str, Any]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
-        sizes = law_sizes(self.law.unknowns, self.inputs["strain"])
         zero = self.graph.const(0)
-        found = (self._of(given[name]) if name in given else [zero] * size for name, size in sizes.items())
+        found = (self._of(given[name]) if name in given else [zero] * size for name, size in self.sizes["y"].items())
         return [node for nodes in found for node in nodes]
 
-    def program(self) -> Program:
-        """The program; SceneError for a statement whose parts do not fit the law."""
+    def parts(self) -> list[list[int]]:
+        """Nodes of the outputs of each part; SceneError for a statement whose parts do not fit the law."""
+        law = self.law
         graph = self.graph
         stated = self.stated
-        strain = self._nodes("strain", 0, self.inputs["strain"])
-        unknown = self._nodes("y", 0, self.inputs["y"])
+        strain = self.inputs["strain"]
+        unknown = self.inputs["y"]
         stress = self._of(stated.stress)
-        missing = set(self.law.memory) ^ (set(stated.memory) - {"cumulated"})
-        if missing or len(stress) != len(strain):
+        if len(stress) != len(strain):
+            raise SceneError(f"{law.name} has a stress of {len(stress)} components for {len(strain)} of strain")
+        if set(law.memory) != set(stated.memory) - {"cumulated"}:
             raise SceneError(
-                f"{self.law.name} has a stress of {len(stress)} components for {len(strain)} of strain, and "
-                f"a memory {list(stated.memory)}; its class declares {list(self.law.memory)}"
+                f"{law.name} returns the memory {list(stated.memory)}, and its class declares {list(law.memory)}: "
+                "declare and return the same, cumulated apart"
             )
-        same = self._nodes("old", len(strain), 1)
-        grown = self._of(stated.memory["cumulated"]) if "cumulated" in stated.memory else same
-        for name, size in law_sizes(self.law.memory, len(strain)).items():
-            if len(self._of(stated.memory[name])) != size:
-                raise SceneError(f"{self.law.name} declares {name} with {size} components, and states another number")
-        after = [*stress, *grown, *(node for name in self.law.memory for node in self._of(stated.memory[name]))]
+        after = [*stress]
+        for name, size in self.sizes["old"].items():
+            if name == "inelastic":  # follows from the stress
+                continue
+            nodes = self._of(stated.memory[name]) if name in stated.memory else [self.inputs["old"][len(strain)]]
+            if len(nodes) != size:
+                raise SceneError(f"{law.name} declares {name} with {size} components, and returns {len(nodes)}")
+            after += nodes
         after += [] if stated.limit is None else self._of(stated.limit)
         left = [node for part in stated.residual for node in self._of(part)]
         if len(left) != len(unknown):
-            raise SceneError(f"{self.law.name} has {len(unknown)} unknowns and {len(left)} residuals")
+            raise SceneError(f"{law.name} has {len(unknown)} unknowns and {len(left)} residuals")
         start = self._initial(stated.start)
-        moving = set(unknown) & set(graph.needed([*start, *([] if stated.trial is None else self._of(stated.trial))]))
-        if moving:
-            raise SceneError(f"{self.law.name} states its trial or its start by its unknowns, which it starts for")
-        idle = dict(zip(unknown, self._initial(stated.rest), strict=True))
-        rest = graph.substituted(after, idle)
-        trial = [] if stated.trial is None or not unknown else self._of(stated.trial)
-        solved: list[list[int]] = [[], [], [], []]
+        trial = [] if stated.trial is None else self._of(stated.trial)
+        if set(unknown) & set(graph.needed([*start, *trial])):
+            raise SceneError(f"{law.name} states its trial or its start by its unknowns, which it starts for")
+        rest = graph.substituted(after, dict(zip(unknown, self._initial(stated.rest), strict=True)))
+        solved: list[list[int]] = [[], [], [], [], []]
         if unknown:
             slopes = graph.jacobian(stress, strain) + graph.jacobian(stress, unknown) + graph.jacobian(left, strain)
-            solved = [start, left + graph.jacobian(left, unknown), after, slopes]
+            solved = [trial, start, left + graph.jacobian(left, unknown), after, slopes]
         # differentiated after the unknowns are replaced, so that quotients of zeros fold away
-        parts = [trial, *solved, rest, graph.jacobian(rest[: len(stress)], strain)]
-        clock = graph.input("dt", 0)
-        self.rated = any(clock in graph.needed(part) for part in parts)
-        return Program.of(graph, self.inputs, parts, ORDER)
+        return [*solved, rest, graph.jacobian(rest[: len(stress)], strain)]

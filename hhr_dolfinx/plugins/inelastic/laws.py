@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -23,9 +22,11 @@ if TYPE_CHECKING:
 _AMOUNT = {"amount": NUMBER}
 _STRESS = {"stress": NUMBER}
 _YIELD = {"yield_stress": POSITIVE, "hardening": NOT_NEGATIVE}
+_CONE = (0.0, 3**0.5)
 _CREEP = {"resistance": POSITIVE, "exponent": AT_LEAST_ONE}
-MESH_FRAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Unit vectors of the mesh."""
+Frame = tuple[tuple[float, float, float], ...]
+AXES: Frame = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors, as rows; those of the mesh."""
 
 
 class _Stated(Law):
@@ -49,7 +50,7 @@ class _Stated(Law):
 class _Framed(_Stated):
     """A law in a frame of the material."""
 
-    frame: tuple[tuple[float, float, float], ...]
+    frame: Frame
     passed: ClassVar = ("frame",)
 
     def __post_init__(self) -> None:
@@ -117,17 +118,14 @@ class TabulatedHardening(_Stated):
 
     def __post_init__(self) -> None:
         try:
-            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T.tolist()
+            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
         except (TypeError, ValueError):
             raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
-        if not np.isfinite([places, heights]).all():
-            raise SceneError(f"the table {self.points} must hold finite numbers")
-        grows = all(one < other for one, other in pairwise(places))
-        falls = any(one > other for one, other in pairwise(heights))
-        if not (len(places) > 1 and places[0] == 0 and heights[0] > 0 and grows) or falls:
+        begins = len(places) > 1 and places[0] == 0 and heights[0] > 0 and np.isfinite([places, heights]).all()
+        if not begins or (np.diff(places) <= 0).any() or (np.diff(heights) < 0).any():
             raise SceneError(
-                f"the table {self.points} needs (p, stress) with p growing from 0, and a stress that is positive and "
-                "does not fall: softening has no answer that does not depend on the mesh"
+                f"the table {self.points} needs finite (p, stress), p growing from 0, and a stress that is positive "
+                "and does not fall: softening has no answer that does not depend on the mesh"
             )
 
 
@@ -263,7 +261,7 @@ class DruckerPrager(_Stated):
 
     Attributes:
         cohesion: k, a stress.
-        friction: η.
+        friction: η; of an angle of friction φ and the compressive cone 6 sin φ / (√3 (3 - sin φ)), below √3.
         dilatancy: ψ, between 0 and η; η is associated.
         hardening: H, a stress.
     """
@@ -272,7 +270,7 @@ class DruckerPrager(_Stated):
     friction: float | str
     dilatancy: float | str
     hardening: float | str = 0.0
-    limits: ClassVar = {"cohesion": POSITIVE, "friction": POSITIVE, "dilatancy": POSITIVE, "hardening": NOT_NEGATIVE}
+    limits: ClassVar = {"cohesion": POSITIVE, "friction": _CONE, "dilatancy": _CONE, "hardening": NOT_NEGATIVE}
     stated: ClassVar = "drucker_prager"
 
 
@@ -294,7 +292,7 @@ class Hill(_Framed):
     l: float | str
     m: float | str
     n: float | str
-    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    frame: Frame = AXES
     unknowns: ClassVar = {"ratio": NUMBER}
     limits: ClassVar = {**_YIELD, **dict.fromkeys("fghlmn", POSITIVE)}
     stated: ClassVar = "hill"
@@ -320,7 +318,7 @@ class Orthotropic(_Framed):
     shear_12: float | str
     shear_13: float | str
     shear_23: float | str
-    frame: tuple[tuple[float, float, float], ...] = MESH_FRAME
+    frame: Frame = AXES
     limits: ClassVar = dict.fromkeys(("young_1", "young_2", "young_3", "shear_12", "shear_13", "shear_23"), POSITIVE)
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
@@ -337,23 +335,12 @@ class Orthotropic(_Framed):
 
     @classmethod
     def transverse(
-        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, **more: object
+        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, frame: Frame = AXES
     ) -> Orthotropic:
         """Isotropic across the first axis: moduli along and across it, contraction across of a pull along it, ratio
         across, and shear modulus along."""
         plane = across / (2 * (1 + ratio_across))
-        return cls(
-            along,
-            across,
-            across,
-            ratio_along,
-            ratio_along,
-            ratio_across,
-            shear,
-            shear,
-            plane,
-            **more,  # type: ignore[arg-type]
-        )
+        return cls(along, across, across, ratio_along, ratio_along, ratio_across, shear, shear, plane, frame)
 
 
 @dataclass(frozen=True)
@@ -494,21 +481,3 @@ def _unused(name: str, known: Mapping[str, object]) -> str:
     while name in known:
         name += "_of_outer"
     return name
-
-
-@dataclass(frozen=True)
-class NeoHooke(_Stated):
-    """Neo-Hookean elasticity at large strains, of E and ν of the body."""
-
-    finite: ClassVar[bool] = True
-    stated: ClassVar = "neo_hooke"
-
-
-@dataclass(frozen=True)
-class MooneyRivlin(_Stated):
-    """Mooney and Rivlin's elasticity at large strains; ``share`` of μ/2 belongs to the second invariant."""
-
-    share: float | str
-    finite: ClassVar[bool] = True
-    limits: ClassVar = {"share": (-1e-12, 1.000001)}
-    stated: ClassVar = "mooney_rivlin"

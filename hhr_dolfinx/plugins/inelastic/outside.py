@@ -31,7 +31,7 @@ class Step(NamedTuple):
 
 
 class OutsideLaw(Law):
-    """Base of these laws; C at rest is that of E and ν of the body.
+    """Base of laws that are code; C at rest is that of E and ν of the body.
 
     Args:
         name: name of the law, which with the other ``identity``, texts, and the constants identifies it in stores.
@@ -82,6 +82,7 @@ class LawCode(LawProgram):
         self.own = law_sizes(KNOWN, strains) | law.memory_of(strains)
         named = law.constants()
         values = values or (*named.values(),)
+        # fields of a frozen dataclass, without those of a program
         vars(self).update(name=law.name, rated=law.rated, swells=law.swells, constants=(*named,), values=values)
         vars(self).update(strains=strains, sizes=np.array([*self.own.values()]), kinds=())
         vars(self)["identity"] = [*law.identity, *named, *values]

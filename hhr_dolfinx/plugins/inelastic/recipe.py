@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,11 @@ from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
-def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
+def nodes_of_values(problem: ContactProblem, fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
+    """Nodes of the cells in which DEIM picks values of fields of Gauss points, as many in each cell; none of zeros."""
+    if not any(field.any() for field in fields):
+        return np.zeros(0, dtype=np.int64)
+    values = np.stack(fields, axis=1)
     picked = deim(pod(values, tolerance)[0])
     return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
 
@@ -27,10 +31,7 @@ class StressDeim(Truncated):
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; empty for elastic bodies."""
-        known = states_of(snapshots)
-        if not known:
-            return np.zeros(0, dtype=np.int64)
-        return nodes_of_values(problem, np.stack([item.stress.ravel() for item in known], axis=1), self.tolerance)
+        return nodes_of_values(problem, [item.stress.ravel() for item in states_of(snapshots)], self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,7 @@ class FlowDeim(Truncated):
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`; empty without plastic strain in training."""
-        known = [item.state.cumulated for item in states_of(snapshots)]
-        if not any(values.any() for values in known):
-            return np.zeros(0, dtype=np.int64)
-        cumulated = np.stack(known, axis=1)
-        return nodes_of_values(problem, cumulated, self.tolerance)
+        return nodes_of_values(problem, [item.state.cumulated for item in states_of(snapshots)], self.tolerance)
 
 
 def flowing(**changes: Any) -> Recipe:

@@ -89,7 +89,6 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
             f"trained ones: other histories are warned of from {trained.allowed(trained.begun):.2g} on only. Keep more "
             "modes, allow more points, or train on more histories",
             StabilityWarning,
-            stacklevel=4,
         )
 
 
@@ -161,7 +160,6 @@ class _Comparison:
                 "no body flows in any training history though some could: tangents under flow were not checked, and a "
                 "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
                 TrainingWarning,
-                stacklevel=4,
             )
 
 

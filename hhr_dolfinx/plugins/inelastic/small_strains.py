@@ -37,4 +37,4 @@ class SmallStrains:
             )
         if spread > LARGE and not self._said:
             self._said = True
-            warn(large_strain(spread), SmallStrainWarning, stacklevel=3)
+            warn(large_strain(spread), SmallStrainWarning)

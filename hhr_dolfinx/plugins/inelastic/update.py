@@ -15,7 +15,7 @@ import numpy as np
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
+from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law_over_box, formulas_of
 from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, Update, hooke
 from hhr_dolfinx.plugins.inelastic.local_solver import Code, code_of
 
@@ -127,7 +127,7 @@ class Material:
             yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
         for number, group in enumerate(self.groups):
             if group.law is not None:
-                check_law(group.law, space, f"law {number}", group.coordinates, group.places)
+                check_law_over_box(group.law, space, f"law {number}", group.coordinates, group.places)
                 if group.law.strains != self.components:
                     yield f"law {number} is one of {group.law.strains} components of a strain, of {self.components}"
             if isinstance(group.young, str):

@@ -253,7 +253,7 @@ def together(
     own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:
         more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
-        warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
+        warn(f"{record.missed[0]}{more}", LocalModelWarning)
     return LocalModels(own, choice, replace(record, facts=replace(record.facts, points=snapshots.points)))
 
 

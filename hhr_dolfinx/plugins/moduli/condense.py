@@ -129,7 +129,6 @@ class _Prepared(NamedTuple):
                 "the budget, narrow the box, smooth formulas of moduli that jump or have spikes, or take the "
                 "hyper-reduced model",
                 StabilityWarning,
-                stacklevel=4,
             )
         return compliances, grids
 
@@ -342,7 +341,6 @@ def _warn_of_untouched(solvers: list[Solver]) -> None:
             "nothing can touch a body that loads or displacements move: contact forces are right, its displacement is "
             "not. Leave it out of the scene, train and condense, or ask the full model",
             SceneWarning,
-            stacklevel=3,
         )
 
 

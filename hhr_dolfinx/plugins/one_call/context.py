@@ -236,13 +236,12 @@ class SearchContext:
         try:
             self.full.strains.check(self.full, _set_of(found))
         except ReductionError as error:
-            warn(str(error), SmallStrainWarning, stacklevel=3)
+            warn(str(error), SmallStrainWarning)
         if not any(answer.forces().any() for item in found for answer in steps_of(item)):
             warn(
                 f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
                 "loads and displacements, hhr check",
                 SceneWarning,
-                stacklevel=3,
             )
 
     def errors_of(self, model: AnsweringModel, exact: Iterable[Exact]) -> np.ndarray:

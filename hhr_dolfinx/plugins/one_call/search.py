@@ -151,7 +151,7 @@ def reduce(
     context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
-        warn(reduction.verdict, StabilityWarning, stacklevel=2)
+        warn(reduction.verdict, StabilityWarning)
     chosen = _with_fallback(model, full, target) if fallback and not model.fields.exact else model
     chosen.reduction = reduction
     return chosen
@@ -185,7 +185,7 @@ def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> An
             raise NotOfferedError("no plug-in adds FallbackModel")
         return registry.load(place)(model, full, target.error, of=target.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
-        warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
+        warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning)
         return model
 
 

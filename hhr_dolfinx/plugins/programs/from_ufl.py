@@ -31,12 +31,16 @@ def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> 
     """Nodes of all components of an expression of any shape, row by row; ``inputs`` maps symbols to theirs.
 
     Raises:
-        SceneError: for operations that programs do not have, such as Bessel functions or derivatives in space.
+        SceneError: for operations that programs do not have, such as Bessel functions or derivatives in space, and for
+            lists and arrays.
     """
     from ufl import as_ufl
     from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
     from ufl.algorithms.apply_derivatives import apply_derivatives
 
+    if isinstance(expression, list | tuple | np.ndarray):
+        kind = type(expression).__name__
+        raise SceneError(f"a {kind} is no expression of UFL: ufl.as_vector and ufl.as_matrix make one of it")
     lowered = apply_derivatives(apply_algebra_lowering(as_ufl(expression)))
     walk = _Walk(graph, inputs)
     return [walk.value(lowered, place, {}) for place in np.ndindex(*lowered.ufl_shape)]

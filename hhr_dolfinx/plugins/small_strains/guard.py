@@ -76,7 +76,7 @@ class StrainGuard(Guard):
             if size > self.limit:
                 self.limit = MOST if size <= MOST else np.inf
                 where = self._problem.parameters.described(answer.parameter)
-                warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning, stacklevel=4)
+                warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning)
                 return
 
     def check(self, full: FullModel, *sets: Any) -> None:
@@ -105,7 +105,7 @@ class StrainGuard(Guard):
         try:
             self.check_corners(full, model)
         except ReductionError as error:
-            warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning, stacklevel=4)
+            warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning)
         except NotOfferedError:
             return
 
@@ -136,7 +136,7 @@ class StrainGuard(Guard):
             message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
             if size[worst] > MOST:
                 raise ReductionError(message)
-            warn(message, SmallStrainWarning, stacklevel=3)
+            warn(message, SmallStrainWarning)
 
     def _spreads(self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray) -> np.ndarray:
         """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts, (own, S)."""

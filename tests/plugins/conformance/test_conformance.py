@@ -245,6 +245,14 @@ def test_wrong_laws_with_heat_moduli_or_elasticity(name):
 def test_a_law_that_is_no_law():
     with pytest.raises(ConformanceError, match=r"object: SceneError: a law of a body derives hhr\.Law"):
         suite.check_law(object())
+    with pytest.raises(ConformanceError, match=r"'yield_stress': 'sy'.* are formulas: give check_law numbers"):
+        suite.check_law(hhr.Plasticity("sy"))
+
+    class Plain(hhr.Law):
+        modulus: float = 1.0
+
+    with pytest.raises(ConformanceError, match=r"Plain is no dataclass: write @dataclass\(frozen=True\)"):
+        suite.check_law(Plain())
 
 
 @dataclass(frozen=True)

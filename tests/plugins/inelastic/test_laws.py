@@ -454,17 +454,22 @@ class Wrong(Law):
             "start": lambda: forms.Stated(stress, kept, [at.unknown.amount], start={"amnt": 1.0}),
             "limit": lambda: forms.Stated(stress, kept, [at.unknown.amount], limit=at.dt),
             "memory size": lambda: forms.Stated(stress, {"damage": at.strain}, [at.unknown.amount]),
+            "list": lambda: forms.Stated([*stress], kept, [at.unknown.amount]),
+            "alone": lambda: forms.Stated(stress, kept, at.unknown.amount),
+            "key": lambda: {}["plastic"],
             "operation": lambda: forms.Stated(ufl.bessel_J(1, at.strain[0]) * stress, kept, [at.unknown.amount]),
         }[self.mistake]()
 
 
 @pytest.mark.parametrize(
     ("mistake", "said"),
-    [("stress", "a stress of 1 components for 6"), ("memory", r"a memory \['damaged'\]"),
+    [("stress", "a stress of 1 components for 6"), ("memory", r"returns the memory \['damaged'\]"),
      ("residual", "1 unknowns and 0 residuals"), ("none", "returns None: return a Stated"),
      ("undeclared", r"no attribute 'strength'. Its constants are \['modulus'\], fields that are declared float"),
      ("number", "State it by functions of UFL"), ("start", r"'amnt', and has the unknowns \['amount'\]"),
-     ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and states another number"),
+     ("limit", "a limit without a reason"), ("memory size", "damage with 1 components, and returns 6"),
+     ("list", "a list is no expression of UFL: ufl.as_vector"), ("alone", "residual of Wrong must be a list"),
+     ("key", r"fails: 'plastic'. Its constants are \['modulus'\]"),
      ("operation", "BesselJ is no operation of a program")],
 )  # fmt: skip
 def test_a_law_with_a_mistake_is_refused_by_name(mistake, said):
@@ -477,6 +482,7 @@ def test_a_law_with_a_mistake_is_refused_by_name(mistake, said):
     [(hhr.Plasticity, ("2 +",)), (hhr.Plasticity, (1.0, "open('x')")), (hhr.Norton, ("", 2.0)),
      (hhr.Plasticity, ("sy", -1.0)), (hhr.Norton, ("K", 0.5)), (hhr.Norton, ("K", None)), (hhr.Plasticity, ([80],)),
      (hhr.Plasticity, (80.0, None)), (hhr.Plasticity, (0.0,)), (hhr.Norton, (0.0, 4.0)), (hhr.Norton, (np.nan, 4.0)),
+     (hhr.DruckerPrager, (1.0, 30.0, 0.1)),
      (hhr.Chaboche, (200.0, ((1e3, -1.0),))), (hhr.TabulatedHardening, (((0, 250.0), (0.1, 240.0)),)),
      (hhr.Hill, (250.0, 0.0, *[0.5] * 3, *[1.5] * 3, ((1, 0, 0), (1, 1, 0), (0, 0, 1)))),
      (hhr.Hill, (250.0, 0.0, *[0.5] * 3, *[1.5] * 3, None)), (hhr.Hill, (250.0, 0.0, 0.0, *[0.5] * 2, *[1.5] * 3)),
