@@ -1,62 +1,15 @@
 """One material point under given strains and stresses, and the laws that tests drive with it."""
 
-from dataclasses import dataclass
-from typing import ClassVar
-
 import numpy as np
-import ufl
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.forms.laws import hyperelastic, lame
 from hhr_dolfinx.plugins.inelastic.law import State, program_of
+from hhr_dolfinx.plugins.inelastic.laws import MooneyRivlin, NeoHooke
 
 YOUNG, POISSON = 210e3, 0.3
 SHEAR = YOUNG / 2 / (1 + POISSON)
 WOOD = (12e3, 1e3, 0.6e3, 0.4, 0.4, 0.5, 700.0, 600.0, 60.0)
 TURNED = ((0.6, 0.8, 0.0), (-0.8, 0.6, 0.0), (0.0, 0.0, 1.0))
-
-
-@dataclass(frozen=True)
-class NeoHooke(hhr.Law):
-    """μ/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2, of E and ν of the body."""
-
-    finite: ClassVar = True
-
-    def statement(self, at):
-        """See :class:`hhr.Law`."""
-        lam, mu = lame(at.constants)
-
-        def energy(gradient):
-            volume = ufl.det(gradient)
-            first = volume ** (-2 / 3) * ufl.inner(gradient, gradient)
-            return mu / 2 * (first - 3) + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-
-        return hyperelastic(at, energy)
-
-
-@dataclass(frozen=True)
-class MooneyRivlin(hhr.Law):
-    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2; 2 (C1 + C2) = μ at rest."""
-
-    share: float  # of C2
-    finite: ClassVar = True
-
-    def statement(self, at):
-        """See :class:`hhr.Law`."""
-        lam, mu = lame(at.constants)
-        share = at.constants.share
-
-        def energy(gradient):
-            volume = ufl.det(gradient)
-            right = volume ** (-2 / 3) * ufl.transpose(gradient) * gradient
-            first = ufl.tr(right)
-            second = (first**2 - ufl.inner(right, right)) / 2
-            pair = (1 - share) * (first - 3) + share * (second - 3)
-            return mu / 2 * pair + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-
-        return hyperelastic(at, energy)
-
-
 LAWS = {
     "linear": hhr.Plasticity(250.0, 2000.0),
     "perfect": hhr.Plasticity(250.0),
@@ -78,7 +31,7 @@ LAWS = {
     "neo-Hooke": NeoHooke(),
     "Mooney-Rivlin": MooneyRivlin(0.3),
 }
-"""Laws of the package, in MPa, and two of large strains."""
+"""Laws of the package, in MPa; the last two are of large strains."""
 
 
 def at_rest(program, points=1):

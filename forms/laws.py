@@ -461,6 +461,37 @@ def hyperelastic(at: At, energy: Callable[[Expr], Expr]) -> Stated:
     return Stated(ufl.diff(energy(gradient), gradient))
 
 
+def neo_hooke(at: At) -> Stated:
+    """μ/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2."""
+    lam, mu = lame(at.constants)
+
+    def energy(gradient: Expr) -> Expr:
+        volume = ufl.det(gradient)
+        return (
+            mu / 2 * (volume ** (-2 / 3) * ufl.inner(gradient, gradient) - 3)
+            + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
+        )
+
+    return hyperelastic(at, energy)
+
+
+def mooney_rivlin(at: At) -> Stated:
+    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2; 2 (C1 + C2) = μ at rest."""
+    c = at.constants
+    lam, mu = lame(c)
+
+    def energy(gradient: Expr) -> Expr:
+        volume = ufl.det(gradient)
+        right = volume ** (-2 / 3) * ufl.transpose(gradient) * gradient
+        first = ufl.tr(right)
+        second = (first**2 - ufl.inner(right, right)) / 2
+        share = c.share
+        pair = (1 - share) * (first - 3) + share * (second - 3)
+        return mu / 2 * pair + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
+
+    return hyperelastic(at, energy)
+
+
 def standard(
     at: At,
     energy: Callable[[Expr, Mapping[str, Expr]], Expr],
