@@ -66,7 +66,7 @@ class Load(Protocol):
     """Interface of a load.
 
     A scene checks that an affine ``amplitude``, or one that is a formula, names parameters of the box, and calls the
-    methods ``check(parameters)`` and ``check_scene(scene)``, if there are any, for other checks, which raise SceneError.
+    methods ``check(parameters)`` and ``check_scene(scene)``, if there are any, for other checks: they raise SceneError.
     A load that resists, as a spring, has a method ``stiffness(assembler)``: its stiffness to ground of each dof, (N,).
     A load that is an eigenstrain has a method ``eigenstrain_of(tag, mesh)``, which stresses subtract: its amplitude and
     its strain for amplitude 1, a UFL tensor 3x3, or None where the body with the tag has none.

@@ -543,3 +543,18 @@ def test_they_conform():
         hhr.Profile(LOWER_SURFACE, "2 + 0.001 * x**2", between=(-9, 9)),
     ):
         check_pairing(tool)
+
+
+@pytest.mark.parametrize(
+    "curve, between, why",
+    [
+        ("x", (1.0,), "its ends increase"),
+        ("x", ("a", "b"), "its ends increase"),
+        ("x", 5, "its ends increase"),
+        ("x", (0.0, np.inf), "its ends increase"),
+        ("log(x)", (-1.0, 2.0), "not finite at x = -1: move its ends"),
+    ],
+)
+def test_ends_of_a_profile(curve, between, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.Profile(1, curve=curve, between=between)
