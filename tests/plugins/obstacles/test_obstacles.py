@@ -558,3 +558,21 @@ def test_they_conform():
 def test_ends_of_a_profile(curve, between, why):
     with pytest.raises(SceneError, match=why):
         hhr.Profile(1, curve=curve, between=between)
+
+
+@pytest.mark.parametrize("first, said", [(0.45, True), (0.49, False)])
+def test_a_punch_that_moves_to_other_nodes_is_said(first, said):
+    """Conditions are those of the middle of the box: a punch of 0.4 that moves by 0.2 meets nodes that have none."""
+    punch = hhr.Profile(
+        block.side(1, upper=True), curve=[(-0.2, 1.0), (0.2, 1.0)], smooth=False, place=("x", "-0.01")
+    )  # fmt: skip
+    scene = block_scene(
+        "punch",
+        {"x": (first, 1 - first)},
+        cells=(20, 4),
+        contacts=(punch,),
+        displacements=hhr.Displacement.clamp(block.side(1, upper=False), 2),
+    )
+    with pytest.warns(PairingWarning) as found:
+        hhr.FullOrderModel(scene)
+    assert any("elsewhere in the box" in str(one.message) for one in found) is said
