@@ -41,7 +41,10 @@ class Nodes:
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a function that returns anything else."""
-        inside = np.asarray(self.where(points.T))
+        try:
+            inside = np.asarray(self.where(points.T))
+        except Exception as error:  # a user's function raises anything
+            raise SceneError(f"the function of {self!r} fails for coordinates {points.T.shape}: {error!r}") from error
         if inside.shape != (len(points),) or inside.dtype != bool:
             raise SceneError(
                 f"the function of {self!r} must return one bool for each of {len(points)} nodes, of coordinates of the "

@@ -147,7 +147,10 @@ def test_a_spring_that_touches_shares_its_force():
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))), "must have 2 components"),
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes.near((0.0,)), (0.0, 1.0)))), "must have 2 coord"),
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0]), (0.0, 1.0)))), "one bool for each"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node")],
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[2] > 9), (1.0, 0.0)))), "fails for coord"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(77, (1.0, 0.0)))), r"facet tags \[77\] are not in the mesh"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.Springs(77, 0, 1.0))), r"facet tags \[77\] are not in the mesh")],
 )  # fmt: skip
 def test_mistakes(make, why):
     with pytest.raises(SceneError, match=why):
