@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.full_order.free_bodies import rigid_motions
@@ -131,6 +132,10 @@ class MeanMotion:
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
                 weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
+                if surface.quadratic is not None:  # the integral of each function, whose corners have less than areas
+                    along = np.eye(dim)[self.component].tolist()
+                    form = elasticity.traction(assembler.test, along, assembler.hypothesis, assembler.ds(self.place))
+                    weights = assembler.vector(form)[dim * nodes + self.component]
                 weights = weights / weights.sum()
         dofs = dim * nodes + self.component
         entries = weights, np.zeros(nodes.size, dtype=int), dofs

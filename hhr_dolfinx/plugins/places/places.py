@@ -14,6 +14,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, check_tag, is_number, is_whole
@@ -142,8 +143,12 @@ class Springs:
         found = np.zeros(assembler.size)
         if self.bedding:
             check_tag("bedding", self.place)
-            surface = assembler.surface(self.place)  # type: ignore[arg-type]
-            found[dim * surface.nodes + self.component] = self.modulus * surface.areas
+            # the integral of each function: areas of contact differ from it on cells of second order
+            along = np.eye(dim)[self.component].tolist()
+            ds = assembler.ds(self.place)  # type: ignore[arg-type]
+            found += self.modulus * assembler.vector(
+                elasticity.traction(assembler.test, along, assembler.hypothesis, ds)
+            )
         else:
             found[dim * assembler.nodes(self.place) + self.component] = self.modulus
         return found
