@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.geometries.gmsh_model import Entity
 
+FAR = 1e100
+"""Coordinates from which on squares of lengths overflow: such places, and those that are no number, are mistakes."""
 BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
 
@@ -85,7 +87,11 @@ class MeshFile:
         if not path.is_file():
             raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
         try:
-            return conforming(_reader(path)(path).once()).compact()
+            raw = conforming(_reader(path)(path).once()).compact()
+            far = np.flatnonzero(~(np.abs(raw.points) < FAR).all(axis=1))
+            if far.size:
+                raise FileContentError(f"mesh file {path} has a node at {raw.points[far[0]].tolist()}: correct it")
+            return raw
         except HHRError:
             raise
         except Exception as error:

@@ -170,6 +170,7 @@ class DiscreteSpace(ABC):
             return found
         owned = self._nodes_of_set(self._sets[tag]) if tag in self._sets else np.zeros(0, dtype=np.int64)
         if tag not in self._sets or (whole and tag in self.names.facets):
+            check_present("facet", self._facet_tags, [tag], self.names, self.group)
             facets = tagged(self._facet_tags, self.names.facet(tag))
             local = fem.locate_dofs_topological(self.space, self.mesh.topology.dim - 1, facets)
             owned = np.union1d(owned, local[local < self.space.dofmap.index_map.size_local])

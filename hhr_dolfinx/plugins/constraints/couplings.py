@@ -12,6 +12,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.full_order.free_bodies import rigid_motions
@@ -143,6 +144,11 @@ class _Coupled:
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
                 weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
+                if surface.quadratic is not None:  # the integral of each function, whose corners have less than areas
+                    (dim,) = assembler.test.ufl_shape
+                    along = np.eye(dim)[-1].tolist()
+                    form = elasticity.traction(assembler.test, along, assembler.hypothesis, assembler.ds(self.place))
+                    weights = assembler.vector(form)[dim * nodes + dim - 1]
         return weights / weights.sum()
 
 

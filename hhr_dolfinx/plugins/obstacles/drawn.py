@@ -234,13 +234,19 @@ class Profile(_Drawn):
         """Points of a formula, (n, 2), and values of its variable."""
         formula = formula_of(self.curve, f"the curve of a Profile at surface {self.surface}")
         name = formula.variables[0] if formula.variables else "x"
-        if len(formula.variables) > 1 or name not in "xyrz" or not self.between or self.between[0] >= self.between[1]:
+        between = _array(self.between)
+        increases = between.shape == (2,) and -np.inf < between[0] < between[1] < np.inf
+        if len(formula.variables) > 1 or name not in "xyrz" or not increases:
             raise SceneError(
                 f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and z, and its ends "
                 "increase, between=(-1, 1)"
             )
         places = np.linspace(*self.between, SAMPLES)
-        values = np.broadcast_to(formula({name: places}), SAMPLES)
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(formula({name: places}), SAMPLES)
+        if not np.isfinite(values).all():
+            bad = places[~np.isfinite(values)][0]
+            raise SceneError(f"the curve {self.curve!r} of a Profile is not finite at {name} = {bad:g}: move its ends")
         return np.column_stack([places, values] if name in "xr" else [values, places]), places
 
 

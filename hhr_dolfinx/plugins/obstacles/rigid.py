@@ -171,6 +171,7 @@ class Rigid:
                 f"{int(lost.sum())} of {lost.size} nodes of surface {surface.tag} lie beyond the end of the "
                 f"{type(self).__name__} and get no contact condition, e.g. at {surface.points[lost][0].tolist()}"
             )
+            self._warn_of_ends(shape, surface.points[lost])
         warn_of_overlap(surface, rows)
         self._warn_of_turns(shape, surface, rows, normals)
         return surface.averaged(rows)
@@ -224,6 +225,17 @@ class Rigid:
         matrix = nodal_rows(numbers[:, None], normals[nodes], np.ones((nodes.size, 1)), dofs)
         rows = ContactRows(matrix, gaps[nodes], numbers, surface.points[nodes], areas[nodes])
         return shape, rows, normals[nodes], lost
+
+    def _warn_of_ends(self, shape: RigidShape, lost: np.ndarray) -> None:
+        """Warn of nodes beyond the end, (n, dim), that the obstacle moves to elsewhere in the box."""
+        met = np.zeros(len(lost), dtype=bool)
+        for point in box_samples(self.box, TRIED) if self._varies and self.box is not None else ():
+            met |= ~shape.normals(self._at(point), lost)[1]
+        if met.any():
+            warn(
+                f"{int(met.sum())} of these nodes lie before {self!r} elsewhere in the box, e.g. at "
+                f"{lost[met][0].tolist()}: they have no condition there either, and penetrate it. Narrow the box"
+            )
 
     def _warn_of_turns(self, shape: RigidShape, surface: Surface, rows: ContactRows, normals: np.ndarray) -> None:
         """Warn if the normal of a node closer than a cell turns over the box."""

@@ -14,6 +14,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, check_tag, is_number, is_whole
@@ -41,7 +42,10 @@ class Nodes:
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a function that returns anything else."""
-        inside = np.asarray(self.where(points.T))
+        try:
+            inside = np.asarray(self.where(points.T))
+        except Exception as error:  # a user's function raises anything
+            raise SceneError(f"the function of {self!r} fails for coordinates {points.T.shape}: {error!r}") from error
         if inside.shape != (len(points),) or inside.dtype != bool:
             raise SceneError(
                 f"the function of {self!r} must return one bool for each of {len(points)} nodes, of coordinates of the "
@@ -139,8 +143,12 @@ class Springs:
         found = np.zeros(assembler.size)
         if self.bedding:
             check_tag("bedding", self.place)
-            surface = assembler.surface(self.place)  # type: ignore[arg-type]
-            found[dim * surface.nodes + self.component] = self.modulus * surface.areas
+            # the integral of each function: areas of contact differ from it on cells of second order
+            along = np.eye(dim)[self.component].tolist()
+            ds = assembler.ds(self.place)  # type: ignore[arg-type]
+            found += self.modulus * assembler.vector(
+                elasticity.traction(assembler.test, along, assembler.hypothesis, ds)
+            )
         else:
             found[dim * assembler.nodes(self.place) + self.component] = self.modulus
         return found

@@ -153,6 +153,11 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
             f"output '{output.name}': with {problem.law.name} the work of forces is not elastic energy alone: leave it "
             "out"
         )
+    if discretisation.springs is not None:
+        raise SceneError(
+            f"output '{output.name}': springs take part of the work of forces, which is not the elastic energy of the "
+            "bodies alone: leave it out"
+        )
     names = problem.parameters.names
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     stiffness = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)

@@ -504,7 +504,7 @@ def test_templates_work_as_they_are(kind, monkeypatch):
     for cached in (registry.facet, registry.memories):
         cached.cache_clear()
     tests = vars(importlib.import_module(f"test_my_{kind}"))
-    ran = [test() for name, test in tests.items() if name.startswith("test_")]
+    ran = [test() for name, test in [*tests.items()] if name.startswith("test_")]
     assert ran and "TODO" in (folder / f"my_{kind}.py").read_text()
     project = tomllib.loads((folder / "pyproject.toml").read_text())
     assert project["tool"]["setuptools"]["py-modules"] == [f"my_{kind}"]

@@ -359,3 +359,10 @@ def test_mistakes_of_periodic_surfaces(given, why):
 def test_a_meridian_does_not_turn_in_its_plane():
     with pytest.raises(SceneError, match="leave out the angle"):
         hhr.FullOrderModel(replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric"))
+
+
+def test_a_mean_of_second_order_is_that_of_a_pressure():
+    """Its force is a traction of the surface: with lateral strain free all over, stress is the same everywhere."""
+    mean = replace(pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), order=2, hypothesis="plane_stress")
+    answer = hhr.FullOrderModel(replace(mean, contacts=(hhr.Obstacle(RIGHT, (1, 0), 9.0),))).solve(0.5)
+    assert answer.stress()[:, 1] == pytest.approx(-0.5 + 0 * answer.stress()[:, 1], rel=1e-9)

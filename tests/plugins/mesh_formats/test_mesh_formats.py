@@ -220,6 +220,8 @@ WRONG = {
     "end.mdpa": (mdpa().replace("End Nodes", "End Elements"), r"line 25: 'End Elements' ends no block of Nodes"),
     "open.mdpa": (mdpa().rpartition("End")[0], "a block of SubModelPart has no end"),
     "kind.mdpa": (mdpa().replace("1 1 1 2 3", "1 1 1 2"), r"line 27: '\w+3D8N' has 7 nodes, which is not understood"),
+    "nan.mdpa": (mdpa().replace(" 3 1.0 1.0", " 3 1.0 nan", 1), r"has a node at \[1.0, nan, 0.0\]: correct it"),
+    "inf.mail": (mail().replace(" 0.0D0", " 1E300", 1), r"has a node at .*1e\+300.*: correct it"),
     "word.mdpa": ("Nodes\n", "line 1: 'Nodes' begins no block"),
 }  # fmt: skip
 

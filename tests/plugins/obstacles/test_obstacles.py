@@ -543,3 +543,36 @@ def test_they_conform():
         hhr.Profile(LOWER_SURFACE, "2 + 0.001 * x**2", between=(-9, 9)),
     ):
         check_pairing(tool)
+
+
+@pytest.mark.parametrize(
+    "curve, between, why",
+    [
+        ("x", (1.0,), "its ends increase"),
+        ("x", ("a", "b"), "its ends increase"),
+        ("x", 5, "its ends increase"),
+        ("x", (0.0, np.inf), "its ends increase"),
+        ("log(x)", (-1.0, 2.0), "not finite at x = -1: move its ends"),
+    ],
+)
+def test_ends_of_a_profile(curve, between, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.Profile(1, curve=curve, between=between)
+
+
+@pytest.mark.parametrize("first, said", [(0.45, True), (0.49, False)])
+def test_a_punch_that_moves_to_other_nodes_is_said(first, said):
+    """Conditions are those of the middle of the box: a punch of 0.4 that moves by 0.2 meets nodes that have none."""
+    punch = hhr.Profile(
+        block.side(1, upper=True), curve=[(-0.2, 1.0), (0.2, 1.0)], smooth=False, place=("x", "-0.01")
+    )  # fmt: skip
+    scene = block_scene(
+        "punch",
+        {"x": (first, 1 - first)},
+        cells=(20, 4),
+        contacts=(punch,),
+        displacements=hhr.Displacement.clamp(block.side(1, upper=False), 2),
+    )
+    with pytest.warns(PairingWarning) as found:
+        hhr.FullOrderModel(scene)
+    assert any("elsewhere in the box" in str(one.message) for one in found) is said

@@ -147,8 +147,40 @@ def test_a_spring_that_touches_shares_its_force():
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))), "must have 2 components"),
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes.near((0.0,)), (0.0, 1.0)))), "must have 2 coord"),
      (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0]), (0.0, 1.0)))), "one bool for each"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node")],
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[2] > 9), (1.0, 0.0)))), "fails for coord"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(77, (1.0, 0.0)))), r"facet tags \[77\] are not in the mesh"),
+     (lambda: hhr.FullOrderModel(pulled(hhr.Springs(77, 0, 1.0))), r"facet tags \[77\] are not in the mesh")],
 )  # fmt: skip
 def test_mistakes(make, why):
     with pytest.raises(SceneError, match=why):
         make()
+
+
+@pytest.mark.parametrize("simplices", [False, True])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
+    """A block without lateral strain on a bed of 20 per length and area: sinks by 0.8 / 20, stress -0.8 all over."""
+    bed, lid = (block.side(dim - 1, upper=upper) for upper in (False, True))
+    scene = block_scene(
+        "bed",
+        {"p": (0.1, 1.0)},
+        lower=(0.0,) * dim,
+        upper=(1.0,) * dim,
+        cells=(2,) * dim,
+        young=100.0,
+        poisson=0.0,
+        hypothesis="solid" if dim == 3 else "plane_strain",
+        simplices=simplices,
+        order=2,
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1.0,) + (0.0,) * (dim - 1), 9.0),),
+        displacements=tuple(hhr.Displacement(block.side(k, upper=False), k) for k in range(dim - 1)),
+        loads=(hhr.Pressure(lid, "p"), hhr.Springs(bed, dim - 1, 20.0, bedding=True)),
+    )
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve(0.8)
+    assert answer.stress()[:, dim - 1] == pytest.approx(-0.8 + 0 * answer.stress()[:, 0], rel=1e-9)
+    on_bed = np.isclose(full.problem.points[:, dim - 1], 0)
+    assert answer.displacement().reshape(-1, dim)[on_bed, dim - 1] == pytest.approx(-0.04, rel=1e-9)
+    with pytest.raises(SceneError, match="springs take part of the work"):
+        hhr.FullOrderModel(replace(scene, outputs=(hhr.ElasticEnergy("energy"),)))
