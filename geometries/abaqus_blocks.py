@@ -26,6 +26,8 @@ _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilater
 
 LOADED = ("BOUNDARY", "CLOAD", "DLOAD")
 """Supports and loads that may give nodes or elements by numbers."""
+COUPLED = ("EQUATION", "MPC", "RIGID BODY", "DISTRIBUTING COUPLING")
+"""Constraints that may give nodes by numbers or elements."""
 STRIDE = 10**10
 """Numbers of nodes and elements of instance k = 1, 2, ... are those of its part plus k times this."""
 
@@ -232,6 +234,34 @@ def name_loaded(deck: Deck, block: str, rows: list[list[str]]) -> None:
             deck.faces.setdefault(name, []).append((first, f"S{row[0][1]}"))
         elif not block.startswith("DLOAD:") and first.isdigit():
             deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(int(first))
+
+
+def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Name the nodes of constraints: each one of an equation, and all nodes of another constraint by its block.
+
+    Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first`` and ``... others``.
+    """
+    if block.startswith("EQUATION:"):
+        words = [word for row in rows if len([*filter(None, row)]) > 1 for word in row[::3]]
+    elif block.startswith("RIGID BODY:"):
+        elements = deck.element_sets.get(options.get("ELSET", "").upper(), [])
+        numbers = sorted({node for element in elements for node in deck.whole.get(element, ())})
+        deck.node_sets[deck.named("nset", block)] = numbers
+        return
+    else:
+        own = [row[:1] if block.startswith("DIST") else row for row in rows]
+        words = [word for row in own for word in row]
+        members = [deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else []) for word in words if word]
+        # the last node of a mean rotation is its pilot
+        numbers = sorted({node for one in members for node in one} - set(members[-1] if words[0].upper() == "MEANROT" else ()))
+        deck.node_sets[deck.named("nset", block)] = numbers
+        return
+    for word in words:
+        if word.isdigit():
+            deck.node_sets[deck.named("nset", name_of_loaded(block, [deck.label(int(word))]))] = [int(word)]
+        elif len(members := sorted(set(deck.node_sets.get(word.upper(), [])))) > 1:
+            deck.node_sets[deck.named("nset", name_of_loaded(block, [word, "first"]))] = members[:1]
+            deck.node_sets[deck.named("nset", name_of_loaded(block, [word, "others"]))] = members[1:]
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:

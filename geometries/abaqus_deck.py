@@ -32,13 +32,18 @@ def read_deck(path: Path) -> RawMesh:
     Raises:
         FileContentError: for a deck without a mesh, or a damaged one.
     """
+    return _mesh_of(flat_deck(path), path)
+
+
+def flat_deck(path: Path) -> Deck:
+    """Nodes, elements and sets of a deck with its includes; FileContentError for a damaged one."""
     assembly = Assembly()
     for line, keyword, options, rows in blocks(path):
         try:
             assembly.take(keyword, options, rows, line)
         except (ValueError, IndexError) as error:
             raise FileContentError(f"{path}, block *{keyword} at line {line}: {error}") from None
-    return _mesh_of(assembly.flat(), path)
+    return assembly.flat()
 
 
 def _mesh_of(deck: Deck, path: Path) -> RawMesh:

@@ -11,7 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhr_dolfinx.geometries.abaqus_blocks import LOADED, STRIDE, Deck, name_loaded, number_of, take
+from hhr_dolfinx.geometries.abaqus_blocks import (
+    COUPLED,
+    LOADED,
+    STRIDE,
+    Deck,
+    name_coupled,
+    name_loaded,
+    number_of,
+    take,
+)
 
 _KINDS = {"nset": "node_sets", "elset": "element_sets", "surface": "faces"}
 """Fields of a deck by the kind of the names in it; unions are surfaces too."""
@@ -32,6 +41,7 @@ class Assembly:
         self.placed: set[str] = set()
         self._own = self.deck
         self._instance = ""
+        self._coupled: list[tuple[Deck, str, dict[str, str], list[list[str]]]] = []
 
     def take(self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0) -> None:
         """Add the block, which begins at a line, to its part, instance or assembly.
@@ -50,10 +60,14 @@ class Assembly:
             take(self._own, keyword, options, numbered)
             if keyword in LOADED:
                 name_loaded(self._own, f"{keyword}:{line}", numbered)
+            elif keyword in COUPLED:
+                # their sets may follow
+                self._coupled.append((self._own, f"{keyword}:{line}", options, numbered))
 
     def flat(self) -> Deck:
         """All instances as one deck; parts are taken as they are if nothing places them."""
         self._close()
+        self._name_coupled()
         if not self.deck.instances:
             for name, part in self.parts.items():
                 _join(self.deck, self.deck.spelling["part", name], part)
@@ -83,9 +97,17 @@ class Assembly:
     def _close(self) -> None:
         """End a part or an instance."""
         if self._instance:
+            self._name_coupled()
             _join(self.deck, self._instance, self._own)
         self._own = self.deck
         self._instance = ""
+
+    def _name_coupled(self) -> None:
+        """Name the nodes of constraints of the deck, or of the instance that ends."""
+        for coupled in self._coupled:
+            if coupled[0] is self._own:
+                name_coupled(*coupled)
+        self._coupled = [one for one in self._coupled if one[0] is not self._own]
 
     def _with_numbers(self, keyword: str, options: dict[str, str], rows: list[list[str]]) -> list[list[str]]:
         """Rows of a set, surface or load of the assembly, with the numbers of the flat deck for ``Instance.7``.
@@ -94,15 +116,17 @@ class Assembly:
         """
         if (
             self._own is not self.deck
-            or keyword not in ("NSET", "ELSET", "SURFACE", *LOADED)
+            or keyword not in ("NSET", "ELSET", "SURFACE", *LOADED, *COUPLED)
             or not self.deck.instances
         ):
             return rows
         inside = f"{options['INSTANCE']}." if "INSTANCE" in options else ""
         known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
-        if keyword in LOADED:  # a mesh is not refused for the name of a load
-            inner = [row[0].rpartition(".")[0].upper() in known for row in rows]
-            return [[_flat("", row[0], known), *row[1:]] if own else row for row, own in zip(rows, inner, strict=True)]
+        if keyword in (*LOADED, *COUPLED):  # a mesh is not refused for the name of a load
+            count = 1 if keyword in LOADED else None
+            own = [[word.rpartition(".")[0].upper() in known for word in row[:count]] for row in rows]
+            return [[*(_flat("", word, known) if one else word for word, one in zip(row, inner, strict=False)),
+                     *row[len(inner):]] for row, inner in zip(rows, own, strict=True)]  # fmt: skip
         # the step of a range and the face of an element are no members
         members = 2 if "GENERATE" in options else 1 if keyword == "SURFACE" and "COMBINE" not in options else None
         return [[*(_flat(inside, word, known) for word in row[:members]), *([] if members is None else row[members:])]

@@ -7,7 +7,8 @@ the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F. 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import box_samples
+from hhr_dolfinx.full_order.loose_equations import chosen
 from hhr_dolfinx.loads import Assembler, Term, parted, placed
 from hhr_dolfinx.scene import Scene
 
@@ -41,15 +43,18 @@ class Equations:
         rows: coefficients, (k, N).
         dependent: dof that each equation determines, (k,).
         values: right-hand sides for the amplitude 1, (k,).
+        loose: True if each equation may determine another one of its dofs, and those that other equations imply are
+            left out; else an equation is refused for this.
     """
 
     rows: csr_matrix
     dependent: np.ndarray
     values: np.ndarray
+    loose: bool = False
 
     def take(self, kept: np.ndarray) -> Equations:
         """Some of the equations, by a mask, (k,)."""
-        return Equations(self.rows[kept], self.dependent[kept], self.values[kept])
+        return replace(self, rows=self.rows[kept], dependent=self.dependent[kept], values=self.values[kept])
 
 
 class Constraint(Protocol):
@@ -80,8 +85,12 @@ def followers_of(
     for item in scene.constraints:
         given = item.equations(assembler(item))
         part, left_out = _without_imposed(given, free)
-        _check_kept(scene, item, given, left_out, imposed)
-        found.append((bound(item.amplitude, scene.parameters), part))
+        amplitude = bound(item.amplitude, scene.parameters)
+        own = given.take(left_out)
+        size = np.abs(given.values).max(initial=0.0)
+        _check_kept(scene, repr(item), own.rows, [Term(amplitude, csc_matrix(-own.values[:, None]))], size, imposed)
+        found.append((amplitude, part))
+    found = _decided(scene, found, free, imposed)
     rows = csr_matrix(vstack([part.rows for _, part in found]))
     dependent = np.concatenate([part.dependent for _, part in found])
     _check_once(scene, [part for _, part in found], dependent)
@@ -114,21 +123,47 @@ def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_
     return csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(size, size))
 
 
-def _check_kept(scene: Scene, item: Constraint, given: Equations, kept: np.ndarray, imposed: Sequence[Term]) -> None:
-    """Raise SceneError if equations of a constraint, of imposed dofs alone, are broken by their displacements."""
-    own = given.take(kept)
-    values = Term(bound(item.amplitude, scene.parameters), csc_matrix(-own.values[:, None]))
-    straight, curved = parted([values, *(Term(one.amplitude, csc_matrix(own.rows @ one.columns)) for one in imposed)])
+def _decided(
+    scene: Scene, found: list[tuple[Amplitude, Equations]], free: np.ndarray, imposed: Sequence[Term]
+) -> list[tuple[Amplitude, Equations]]:
+    """Constraints in which loose equations determine dofs of their own, without those that others imply."""
+    if not any(part.loose for _, part in found):
+        return found
+    rows = csr_matrix(vstack([part.rows for _, part in found]))
+    loose = np.concatenate([np.full(part.dependent.size, part.loose) for _, part in found])
+    dependent, implied = chosen(rows, np.concatenate([part.dependent for _, part in found]), loose, free)
+    ends = np.cumsum([0, *(part.dependent.size for _, part in found)])
+    spans = [slice(first, last) for first, last in pairwise(ends)]
+    sides = [
+        Term(amplitude, csc_matrix(-implied[:, span] @ part.values[:, None]))
+        for span, (amplitude, part) in zip(spans, found, strict=True)
+    ]
+    size = max((np.abs(part.values).max(initial=0.0) for _, part in found), default=0.0)
+    what = " and ".join(repr(item) for item, (_, part) in zip(scene.constraints, found, strict=True) if part.loose)
+    _check_kept(scene, what, implied @ rows, sides, size, imposed)
+    return [
+        (amplitude, replace(part, dependent=dependent[span]).take(dependent[span] >= 0))
+        for span, (amplitude, part) in zip(spans, found, strict=True)
+    ]
+
+
+def _check_kept(
+    scene: Scene, what: str, rows: csr_matrix, values: Sequence[Term], size: float, imposed: Sequence[Term]
+) -> None:
+    """Raise SceneError if equations of imposed dofs alone, with negative right-hand sides, are broken by their values.
+
+    ``size`` is that of all right-hand sides of their constraints: a normal has components of round-off.
+    """
+    straight, curved = parted([*values, *(Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed)])
     terms = [*straight, *curved]
     amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
-    sides = placed(terms, 1, (own.values.size, 1 + len(terms)))
-    # relative to all of the constraint: a normal has components of round-off
-    size = max(np.abs(given.values).max(initial=0.0), abs(sides).max() if sides.nnz else 0.0)
-    for point in box_samples(scene.parameters, TRIED) if own.values.size else ():
+    sides = placed(terms, 1, (rows.shape[0], 1 + len(terms)))
+    size = max(size, abs(sides).max() if sides.nnz else 0.0)
+    for point in box_samples(scene.parameters, TRIED) if rows.shape[0] else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():
             raise SceneError(
-                f"{item!r} of scene '{scene.name}' has equations of imposed displacements alone, which break them, as "
+                f"{what} of scene '{scene.name}' has equations of imposed displacements alone, which break them, as "
                 f"at {scene.parameters.described(point)}: leave out the equations or the displacements there"
             )
 
@@ -140,6 +175,10 @@ def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.n
     rows = csr_matrix(diags(scale) @ part.rows)
     dependent = part.dependent.copy()
     kept = np.ones(dependent.size, dtype=bool)
+    if part.loose:
+        dependent[~free[dependent]] = -1
+        kept = np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > ROUND_OFF
+        return replace(part, rows=rows, dependent=dependent, values=scale * part.values).take(kept), ~kept
     for row in np.flatnonzero(~free[dependent]):
         span = slice(rows.indptr[row], rows.indptr[row + 1])
         columns = rows.indices[span]

@@ -3,7 +3,8 @@
 from hhr_dolfinx.registry import Plugin
 
 _PLACES = {
-    "hhr_dolfinx.plugins.constraints.equations": "Equation MeanMotion Periodic RigidMotion",
+    "hhr_dolfinx.plugins.constraints.equations": "Equation Periodic",
+    "hhr_dolfinx.plugins.constraints.couplings": "CoupledForce MeanMotion RigidMotion",
     "hhr_dolfinx.plugins.constraints.cut": "CutMesh",
     "hhr_dolfinx.plugins.constraints.preload": "BoltForce ForcedSection Preload",
     "hhr_dolfinx.plugins.constraints.tie": "Tie",
@@ -13,5 +14,10 @@ PLUGIN = Plugin(
     name="constraints",
     needs=("mortar",),
     public=_PLACES,
-    parts={"loads": {"hhr_dolfinx.plugins.constraints.preload": "BoltForce"}},
+    parts={
+        "loads": {
+            "hhr_dolfinx.plugins.constraints.couplings": "CoupledForce",
+            "hhr_dolfinx.plugins.constraints.preload": "BoltForce",
+        }
+    },
 )

@@ -1,14 +1,12 @@
-"""Equations between displacements of nodes: *EQUATION, couplings and symmetries of decks."""
+"""Equations between displacements of nodes, and cyclic symmetry: *EQUATION of decks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import qr
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
@@ -16,7 +14,6 @@ from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.constraints import Equations
-from hhr_dolfinx.full_order.free_bodies import rigid_motions
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
 
@@ -27,12 +24,16 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def equations_of(
-    entries: Sequence[Rows], dependent: np.ndarray, size: int, values: np.ndarray | None = None
+    entries: Sequence[Rows],
+    dependent: np.ndarray,
+    size: int,
+    values: np.ndarray | None = None,
+    loose: bool = False,
 ) -> Equations:
     """Equations of coefficients; right-hand sides are 0 if none are given."""
     data, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
     matrix = csr_matrix((data, (rows, columns)), shape=(dependent.size, size))
-    return Equations(matrix, dependent, np.zeros(dependent.size) if values is None else values)
+    return Equations(matrix, dependent, np.zeros(dependent.size) if values is None else values, loose)
 
 
 def nodes_at(assembler: Assembler, place: Tag | Place, what: object) -> tuple[np.ndarray, np.ndarray]:
@@ -99,79 +100,6 @@ class Equation:
 
 
 @dataclass(frozen=True)
-class MeanMotion:
-    """The mean displacement of some nodes along a component is the amplitude: a distributing coupling.
-
-    A force on its reference point is a traction of the surface with that resultant.
-
-    Attributes:
-        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
-        component: 0, 1 or 2.
-        amplitude: the mean: a number, an Amplitude, or a formula of the parameters as text.
-    """
-
-    place: Tag | Place
-    component: int
-    amplitude: Amplitude | Formula = Amplitude()
-
-    def __post_init__(self) -> None:
-        check_place("mean motion", self.place)
-        if not is_whole(self.component, 0):
-            raise SceneError(f"component {self.component!r} of a mean motion must be 0, 1 or 2")
-        check_amplitude(self, f"the mean motion of {self.place!r}", formulas=True)
-
-    def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`."""
-        (dim,) = assembler.test.ufl_shape
-        if self.component >= dim:
-            raise SceneError(f"component {self.component} of {self!r} does not exist in {dim} dimensions")
-        nodes, _ = nodes_at(assembler, self.place, self)
-        weights = np.full(nodes.size, 1.0 / nodes.size)
-        if isinstance(self.place, int | str):
-            with suppress(SceneError):  # a set of nodes without facets
-                surface = assembler.surface(self.place)
-                weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
-                weights = weights / weights.sum()
-        dofs = dim * nodes + self.component
-        entries = weights, np.zeros(nodes.size, dtype=int), dofs
-        return equations_of([entries], dofs[[weights.argmax()]], assembler.size, np.ones(1))
-
-
-@dataclass(frozen=True)
-class RigidMotion:
-    """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its nodes then move.
-
-    Attributes:
-        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
-    """
-
-    place: Tag | Place
-    amplitude: Amplitude = field(default=Amplitude(), init=False)
-
-    def __post_init__(self) -> None:
-        check_place("rigid motion", self.place)
-
-    def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for too few nodes."""
-        nodes, points = nodes_at(assembler, self.place, self)
-        dim = points.shape[1]
-        if len(points) < 2 or assembler.hypothesis == "axisymmetric":
-            raise SceneError(f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric")
-        motions = rigid_motions(points, assembler.hypothesis).reshape(-1, points.size)
-        # dofs that the motions follow from are the best of all; the others follow these
-        _, triangle, order = qr(motions, mode="economic", pivoting=True)
-        rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
-        leading = order[:rank]
-        rest = order[rank:]
-        follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
-        dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
-        count = rest.size
-        entries: list[Any] = [(np.ones(count), np.arange(count), dofs[rest])]
-        entries += [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]
-        return equations_of(entries, dofs[rest], assembler.size)
-
-
-@dataclass(frozen=True)
 class Periodic:
     """Nodes of one surface move as those of another one, turned by an angle about an axis: cyclic symmetry.
 
@@ -182,6 +110,7 @@ class Periodic:
         angle: from leader to follower, in rad; 0 for a periodic structure.
         shift: from leader to follower, (dim,), after the turn; None for none.
         axis: axis of the turn through the origin, 0, 1 or 2; in the plane it is the normal.
+        tolerance: distance of nodes over the size of the mesh up to which they coincide.
     """
 
     follower: Tag | Place
@@ -189,13 +118,17 @@ class Periodic:
     angle: float = 0.0
     shift: tuple[float, ...] | None = None
     axis: int = 2
+    tolerance: float = ALIKE
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def __post_init__(self) -> None:
         check_place("periodic surface", self.follower)
         check_place("periodic surface", self.leader)
-        if not is_number(self.angle) or self.axis not in (0, 1, 2):
-            raise SceneError(f"angle = {self.angle!r} and axis = {self.axis!r} must be a number, and 0, 1 or 2")
+        if not is_number(self.angle) or self.axis not in (0, 1, 2) or not self.tolerance > 0:
+            raise SceneError(
+                f"angle = {self.angle!r}, axis = {self.axis!r} and tolerance = {self.tolerance!r} must be a number, "
+                "0, 1 or 2, and a positive number"
+            )
 
     def turn(self, dim: int) -> np.ndarray:
         """Rotation by the angle, (dim, dim)."""
@@ -215,7 +148,7 @@ class Periodic:
         turned = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
         far, which = cKDTree(turned).query(places)
         size = np.ptp(assembler.points(), axis=0).max()
-        if far.max() > ALIKE * size:
+        if far.max() > self.tolerance * size:
             bad = int(far.argmax())
             raise SceneError(
                 f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those of the leader, turned "

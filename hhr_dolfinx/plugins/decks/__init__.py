@@ -7,7 +7,7 @@ _MESH = "hhr_dolfinx.plugins.decks.with_outside"
 
 PLUGIN = Plugin(
     name="decks",
-    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks"),
+    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints"),
     public={_LOADS: "NodalForces", _MESH: "WithOutside"},
     parts={
         "loads": {_LOADS: "NodalForces"},

@@ -50,9 +50,11 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         SceneError: for a deck from which no scene can be made, with the line.
     """
     from hhr_dolfinx.geometries.abaqus_blocks import blocks
+    from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
     from hhr_dolfinx.plugins.decks.inp import read_inp
+    from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
     from hhr_dolfinx.plugins.decks.inp_steps import Block, of_kind
     from hhr_dolfinx.plugins.decks.named import NamedParts
     from hhr_dolfinx.plugins.decks.template import template
@@ -67,4 +69,4 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
     found = [Block(path.name, *block) for block in blocks(path)] if deck else []
     physics = of_kind(found, "SOLID SECTION", "STEP")
-    return read_inp(path, found, parts) if physics else template(path, parts)
+    return read_inp(path, found, parts, DeckNodes(flat_deck(path))) if physics else template(path, parts)

@@ -45,7 +45,7 @@ class Support:
 
 @dataclass(frozen=True)
 class Load:
-    """A load: ``value`` times the unit load ``text``, Python with ``{}`` for the amplitude."""
+    """A load or a constraint: ``value`` times the unit load ``text``, Python with ``{}`` for the amplitude."""
 
     kind: str  # proposed name of a parameter, such as ``pressure``
     text: str
@@ -87,3 +87,5 @@ class Deck:
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
     seconds: float = 1.0  # duration of all steps, for laws with rates
+    constraints: tuple[Load, ...] = ()
+    cuts: tuple[str, ...] = ()  # sections along which the mesh is cut

@@ -12,16 +12,21 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Material, Section
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Section
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
+from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
+from hhr_dolfinx.plugins.decks.inp_equations import equations_of
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
+from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 _READ = OF_MATERIALS | frozenset(
     "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
-    "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY".split("|")
+    "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY|EQUATION|MPC|"
+    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION".split("|")
 )
 _WITHOUT_EFFECT = frozenset(
     "NODE|ELEMENT|NSET|ELSET|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|END INSTANCE|PREPRINT|"
@@ -31,14 +36,7 @@ _WITHOUT_EFFECT = frozenset(
 _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
 _NO = "no counterpart: "
-_BY_HAND = "not written: add to the constraints of the scene "
 _REASONS = {
-    "EQUATION": _BY_HAND + "hhr.Equation",
-    "MPC": _BY_HAND + "hhr.Equation or hhr.RigidMotion",
-    "TIE": _BY_HAND + "hhr.Tie",
-    "COUPLING": _BY_HAND + "hhr.RigidMotion or hhr.MeanMotion of the surface",
-    "DISTRIBUTING COUPLING": _BY_HAND + "hhr.MeanMotion, or give the surface a traction",
-    "PRE-TENSION SECTION": _BY_HAND + "hhr.Preload, with the mesh of hhr.CutMesh",
     "TRANSFORM": _NO + "supports and forces at these nodes act along the axes of the mesh",
     "CONTACT": _NO + "name each pair of surfaces that may touch",
     **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
@@ -46,7 +44,7 @@ _REASONS = {
 _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
 
 
-def read_inp(path: Path, found: Sequence[Block], parts: NamedParts) -> Deck:
+def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckNodes) -> Deck:
     """Read bodies, supports, loads and contacts of the blocks of a deck.
 
     Raises:
@@ -54,6 +52,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts) -> Deck:
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
     left = list(_ignored(found))
+    cuts, parts = sections_of(found, path, parts, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
     materials = {item.tag: item.material for item in sections}
@@ -63,14 +62,27 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts) -> Deck:
     own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
     if hypothesis == "axisymmetric":
         thickness = 1.0
+    constraints: list[Load] = []
+    forces: list[Load] = []
+    for made in (
+        lambda given: preloads_of(cuts, given, nodes, left),
+        lambda given: coupled_of(found, given, parts, nodes, hypothesis, thickness, left),
+        lambda given: equations_of(found, given, parts, nodes, thickness, left),
+    ):
+        own, *more = made(own)
+        constraints += more[0]
+        forces += more[1]
+    constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, own, parts, materials, thickness, left)
+    loads += forces
     pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds)
+    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds,
+                tuple(constraints), tuple(name for _, name in cuts))  # fmt: skip
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:

@@ -75,7 +75,6 @@ def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed],
     motions: dict[str, np.ndarray] = {}
     for block in of_kind(found, "RIGID BODY"):
         if not is_tool(block, parts):
-            left.append(block.left("no counterpart: impose displacements on its nodes"))
             continue
         motion = motions.setdefault(block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim))
         for item in state:

@@ -13,8 +13,8 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded, number_of
 from hhr_dolfinx.plugins.decks.deck import Left
 
-_TYPES = {"ENCASTRE": (0, 1, 2), "PINNED": (0, 1, 2), "XSYMM": (0,), "YSYMM": (1,), "ZSYMM": (2,)}
-"""Components that supports by a word hold."""
+_TYPES = {"ENCASTRE": tuple(range(6)), "PINNED": (0, 1, 2), "XSYMM": (0, 4, 5), "YSYMM": (1, 3, 5), "ZSYMM": (2, 3, 4)}
+"""Components that supports by a word hold, 3 to 5 are rotations of reference nodes."""
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     groups: dict[tuple[str, str], dict[Item, float]] = {}
     driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.loads]
     driven += [("displacement", item, item.value) for item in deck.supports]
+    driven += [(item.kind, item, item.value) for item in deck.constraints]
     driven += [("gap", item, item.gap) for item in deck.pairs]
     for kind, item, value in driven:
         if value:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, Load, Pair, Section, Support
 from hhr_dolfinx.plugins.decks.parameters import Item, Proposed, amplitudes, proposed
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
@@ -28,6 +28,7 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
         "loads": (
             f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
         ),
+        "constraints": (_constraint(item, of) for item in deck.constraints),
         "openings": _openings(deck.pairs, of),
         "outputs": (f'hhr.LargestPressure("largest pressure {k}", contact={k}),' for k in range(len(deck.pairs))),
     }
@@ -36,8 +37,11 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
     lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
     mesh = "WithOutside" if any(repr(OUTSIDE) in pair.text for pair in deck.pairs) else "MeshFile"
-    lines += [f"    geometry=hhr.{mesh}(MESH),", f"    hypothesis={deck.hypothesis!r},"]
+    text = f"hhr.CutMesh(MESH, sections={deck.cuts!r})" if deck.cuts else f"hhr.{mesh}(MESH)"
+    lines += [f"    geometry={text},", f"    hypothesis={deck.hypothesis!r},"]
     for name, items in parts.items():
+        if name == "constraints" and not deck.constraints:
+            continue
         lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
     bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
     lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
@@ -68,6 +72,12 @@ def _body(item: Section, of: Mapping[Item, str]) -> str:
 def _pair(pair: Pair) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
     return f"{pair.text.replace('{}', friction)},  # {pair.source}"
+
+
+def _constraint(item: Load, of: Mapping[Item, str]) -> str:
+    amplitude = of.get(item, repr(item.value))
+    text = item.text.replace("{}", amplitude) if item.value else item.text.replace(", {}", "")
+    return f"{text},  # {item.source}"
 
 
 def _supports(supports: Sequence[Support], dim: int, of: Mapping[Item, str]) -> Iterator[str]:

@@ -303,16 +303,16 @@ def test_our_own_decks_come_back(tmp_path):
 
 def test_parts_without_counterpart_are_named(tmp_path):
     step = "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n*BOUNDARY, FIXED\n99, 1\n"
-    before = "*EQUATION\n2\n5, 2, 1., 10, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
+    before = "*EQUATION\n2\n5, 2, 1., 77777, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
     before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
     text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
     scene, output = started(tmp_path, text)
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
-    for words in (f"TODO deck.inp:{line} *EQUATION: not written: add to the constraints of the scene hhr.Equation",
+    for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
                   "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: no counter", "FIXED, SUB",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED, SUB",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written

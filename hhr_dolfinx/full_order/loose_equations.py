@@ -1,0 +1,78 @@
+"""Dofs that loose equations determine: rigid and distributing couplings, of which others may imply a part.
+
+A rigid coupling with nodes on a plane of symmetry, or a rigid surface whose motion is imposed, has equations that
+determine one dof of several, or that the others imply. Such dofs are found by elimination with pivoting.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.sparse import csc_matrix, csr_matrix, identity
+from scipy.sparse.linalg import SuperLU, splu
+
+IMPLIED = 1e-9
+"""Pivot, of equations with largest coefficients of 1, up to which an equation is implied by the others."""
+
+
+def chosen(
+    rows: csr_matrix, dependent: np.ndarray, loose: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, csr_matrix]:
+    """Dofs that equations determine, (k,), with -1 for implied ones, and combinations, (implied, k), without free dofs.
+
+    Loose equations, (k,) bool, keep their dof if it is free and no other equation determines it.
+    """
+    order = np.argsort(loose, kind="stable")
+    _, first = np.unique(dependent[order], return_index=True)
+    keeps = np.zeros(dependent.size, dtype=bool)
+    keeps[order[first]] = True
+    undecided = loose & ~(keeps & (dependent >= 0))
+    factors = _factors(rows, dependent, ~undecided)
+    if factors is None:
+        undecided = loose
+        factors = _factors(rows, dependent, ~undecided)
+    if factors is None or not undecided.any():
+        return dependent, csr_matrix((0, dependent.size))
+    return _eliminated(rows, dependent, undecided, free, factors)
+
+
+def _factors(rows: csr_matrix, dependent: np.ndarray, fixed: np.ndarray) -> SuperLU | None:
+    """Factors of equations in their dofs, of the identity if there are none; None if they depend on each other."""
+    own = csc_matrix(rows[fixed][:, dependent[fixed]]) if fixed.any() else csc_matrix(identity(1))
+    try:
+        factors = splu(own)
+    except RuntimeError:  # singular in structure
+        return None
+    return factors if np.abs(factors.U.diagonal()).min() > IMPLIED else None
+
+
+def _eliminated(
+    rows: csr_matrix, dependent: np.ndarray, undecided: np.ndarray, free: np.ndarray, factors: SuperLU
+) -> tuple[np.ndarray, csr_matrix]:
+    """See :func:`chosen`; ``factors`` are those of the decided equations."""
+    fixed = ~undecided
+    numbers = np.flatnonzero(undecided)
+    multipliers = np.zeros((numbers.size, int(fixed.sum())))
+    if fixed.any():
+        coefficients = rows[undecided][:, dependent[fixed]].toarray()
+        multipliers = factors.solve(np.ascontiguousarray(coefficients.T), trans="T").T
+    rest = csc_matrix(rows[undecided] - csr_matrix(multipliers) @ rows[fixed])
+    open_dofs = free.copy()
+    open_dofs[dependent[fixed]] = False
+    columns = np.flatnonzero((np.diff(rest.indptr) > 0) & open_dofs)
+    dense = rest[:, columns].toarray() if columns.size else np.zeros((numbers.size, 1))
+    _, triangle, order = qr(dense.T, mode="economic", pivoting=True)
+    rank = int((np.abs(np.diag(triangle)) > IMPLIED).sum())
+    own = order[:rank]
+    implied = order[rank:]
+    found = dependent.copy()
+    found[numbers] = -1
+    if rank:
+        _, _, pivots = qr(dense[own], mode="economic", pivoting=True)
+        found[numbers[own]] = columns[pivots[:rank]]
+    shares = np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T if rank else np.zeros((implied.size, 0))
+    combined = np.zeros((implied.size, dependent.size))
+    combined[np.arange(implied.size), numbers[implied]] = 1.0
+    combined[:, numbers[own]] -= shares
+    combined[:, fixed] = shares @ multipliers[own] - multipliers[implied]
+    return found, csr_matrix(combined)

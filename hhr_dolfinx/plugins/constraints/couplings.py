@@ -1,0 +1,210 @@
+"""Couplings of nodes with a reference point: rigid and distributing ones, and forces on the point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.full_order.constraints import Equations
+from hhr_dolfinx.full_order.free_bodies import rigid_motions
+from hhr_dolfinx.loads import Assembler, Term
+from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
+from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
+
+UNDETERMINED = 1e-8
+"""Part of a motion that nodes do not show above which they leave it undetermined."""
+TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
+"""Axes of the planes of rotations, by the dimension."""
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its nodes then move.
+
+    Equations that imposed displacements or other constraints imply are left out. The motion of a reference point is
+    imposed by :class:`MeanMotion` of the same place, and forces on it are a :class:`CoupledForce`.
+
+    Attributes:
+        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
+        components: those that move so, ``(2,)``; None for all of them. A set that stays a plane has that along its
+            normal.
+    """
+
+    place: Tag | Place
+    components: tuple[int, ...] | None = None
+    amplitude: Amplitude = field(default=Amplitude(), init=False)
+
+    def __post_init__(self) -> None:
+        check_place("rigid motion", self.place)
+        _check_components(self)
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for too few nodes."""
+        nodes, points = nodes_at(assembler, self.place, self)
+        dim = points.shape[1]
+        if len(points) < 2 or assembler.hypothesis == "axisymmetric":
+            raise SceneError(f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric")
+        coupled = _coupled(self, dim)
+        motions = rigid_motions(points, assembler.hypothesis)[:, :, coupled].reshape(-1, len(points) * len(coupled))
+        # dofs that the motions follow from are the best of all; the others follow these
+        _, triangle, order = qr(motions, mode="economic", pivoting=True)
+        rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
+        leading = order[:rank]
+        rest = order[rank:]
+        follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
+        dofs = (dim * nodes[:, None] + coupled).ravel()
+        count = rest.size
+        entries: list[Any] = [(np.ones(count), np.arange(count), dofs[rest])]
+        entries += [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]
+        return equations_of(entries, dofs[rest], assembler.size, loose=True)
+
+
+def fit_of(
+    points: np.ndarray,
+    weights: np.ndarray,
+    component: int,
+    point: Sequence[float] | None,
+    coupled: np.ndarray,
+    turns: Sequence[tuple[int, int]],
+) -> np.ndarray | None:
+    """Coefficients, (n, dim), of the displacements of points in a component of the motion of a reference point.
+
+    The displacement a and the rotation b of the point x are those with the least sum of w |u_k - a - b x (x_k - x)|^2,
+    over ``coupled`` components. None if they leave the component undetermined.
+    """
+    dim = points.shape[1]
+    size = np.ptp(points, axis=0).max() or 1.0
+    away = (points - (weights @ points if point is None else point)) / size
+    motions = np.zeros((dim + len(turns), len(points), dim))
+    motions[np.arange(dim), :, np.arange(dim)] = 1.0
+    for k, (first, second) in enumerate(turns, start=dim):
+        motions[k, :, first] = -away[:, second]
+        motions[k, :, second] = away[:, first]
+    motions[:, :, np.setdiff1d(np.arange(dim), coupled)] = 0.0
+    weighted = motions * weights[:, None]
+    inertia = np.einsum("anc,bnc->ab", weighted, motions)
+    unit = np.eye(len(motions))[component]
+    shares = np.linalg.pinv(inertia, rcond=1e-10, hermitian=True) @ unit
+    if np.abs(inertia @ shares - unit).max() > UNDETERMINED:
+        return None
+    return np.einsum("a,anc->nc", shares, weighted) / (size if component >= dim else 1.0)
+
+
+@dataclass(frozen=True)
+class _Coupled:
+    """Motion of a reference point by a fit to that of nodes, which is exact on nodes of a :class:`RigidMotion`."""
+
+    place: Tag | Place
+    component: int
+    amplitude: Amplitude | Formula = Amplitude()
+    point: tuple[float, ...] | None = None
+    components: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        what = f"the {type(self).__name__} of {self.place!r}"
+        check_place(what, self.place)
+        if not is_whole(self.component, 0) or self.component > 5:
+            raise SceneError(f"component {self.component!r} of {what} must be 0 to 5, in the plane 0, 1 or 2")
+        if self.point is not None:
+            object.__setattr__(self, "point", as_tuple(f"the point of {what}", self.point))
+            if not all(is_number(value) for value in self.point):
+                raise SceneError(f"point = {self.point} of {what} must be finite coordinates")
+        _check_components(self)
+        check_amplitude(self, what, formulas=True)
+
+    def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
+        """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
+        nodes, points = nodes_at(assembler, self.place, self)
+        dim = points.shape[1]
+        turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
+        if self.component >= dim + len(turns) or (self.point is not None and len(self.point) != dim):
+            raise SceneError(
+                f"component {self.component} of {self!r} does not exist in {dim} dimensions, or its point has another "
+                "number of coordinates; in axisymmetry there are no rotations"
+            )
+        coupled = _coupled(self, dim)
+        found = fit_of(points, self._weights(assembler, nodes), self.component, self.point, coupled, turns)
+        if found is None:
+            raise SceneError(f"the nodes of {self!r} leave component {self.component} undetermined: couple more nodes")
+        return (dim * nodes[:, None] + np.arange(dim)).ravel(), found.ravel()
+
+    def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
+        """Weights of nodes with the sum 1, (n,): areas of a surface, and equal ones in a set."""
+        weights = np.ones(nodes.size)
+        if isinstance(self.place, int | str):
+            with suppress(SceneError):  # a set of nodes without facets
+                surface = assembler.surface(self.place)
+                weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
+        return weights / weights.sum()
+
+
+@dataclass(frozen=True)
+class MeanMotion(_Coupled):
+    """The mean motion of some nodes along a component is the amplitude: a distributing coupling.
+
+    It is the displacement or the rotation of a reference point, by the weighted fit of a rigid motion to that of the
+    nodes. On nodes that a :class:`RigidMotion` moves too, it is exact.
+
+    Attributes:
+        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
+        component: 0 to 2 of the displacement, 3 to 5 of the rotation in rad; in the plane 2 is the rotation.
+        amplitude: the motion: a number, an Amplitude, or a formula of the parameters as text.
+        point: the reference point, (dim,); None for the centre of the nodes, whose displacement is their mean.
+        components: those of the nodes that are coupled; None for all of them.
+    """
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for undetermined motions."""
+        dofs, found = self._fit(assembler)
+        kept = found != 0
+        entries = found[kept], np.zeros(int(kept.sum()), dtype=int), dofs[kept]
+        dependent = dofs[[np.abs(found).argmax()]]
+        return equations_of([entries], dependent, assembler.size, np.ones(1), loose=True)
+
+
+@dataclass(frozen=True)
+class CoupledForce(_Coupled):
+    """A force or a moment on a reference point that some nodes carry: the load of a rigid or distributing coupling.
+
+    The forces on the nodes are those that do the same work as the force on the point, whose motion is that of
+    :class:`MeanMotion`; in axisymmetry they are those of all of the ring.
+
+    Attributes:
+        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
+        component: 0 to 2 of the force, 3 to 5 of the moment; in the plane 2 is the moment.
+        amplitude: force or moment: a number, an Amplitude, or a formula of the parameters as text.
+        point: the reference point, (dim,); None for the centre of the nodes.
+        components: those of the nodes that are coupled; None for all of them.
+    """
+
+    def terms(self, assembler: Assembler) -> list[Term]:
+        """One vector."""
+        dofs, found = self._fit(assembler)
+        columns = csc_matrix((found, (dofs, np.zeros_like(dofs))), shape=(assembler.size, 1))
+        return [Term(self.amplitude, columns)]
+
+
+def _check_components(item: RigidMotion | _Coupled) -> None:
+    given = item.components
+    if given is None:
+        return
+    given = as_tuple(f"components of {type(item).__name__}", given)
+    if not given or not all(is_whole(one, 0) and one < 3 for one in given):
+        raise SceneError(
+            f"components = {given} of the {type(item).__name__} of {item.place!r} must be among 0, 1 and 2"
+        )
+    object.__setattr__(item, "components", tuple(sorted(set(given))))
+
+
+def _coupled(item: RigidMotion | _Coupled, dim: int) -> np.ndarray:
+    """Components that are coupled."""
+    return np.array([k for k in range(dim) if item.components is None or k in item.components])

@@ -1,0 +1,208 @@
+"""Reference nodes of a deck: rigid bodies, kinematic and distributing couplings, mean rotations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.plugins.constraints.couplings import TURNS, fit_of
+from hhr_dolfinx.plugins.decks.deck import Left, Load, Tag
+from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.named import NamedParts
+
+KINDS = ("RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "MPC")
+"""Keywords with reference nodes."""
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Nodes that a reference node moves, or that carry its forces."""
+
+    block: Block
+    place: Tag
+    rigid: bool
+    components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
+    point: tuple[float, ...] | None  # coordinates of the reference node, None for the centre of the nodes
+    ways: Mapping[tuple[int, int], int]  # component of the motion by the node and its degree of freedom, 0 to 5
+
+    def text(self, kind: str, component: int, amplitude: str) -> str:
+        """A motion or a force as text of Python."""
+        more = "" if self.point is None else f", point={self.point!r}"
+        more += "" if self.components is None else f", components={self.components!r}"
+        return f"hhr.{kind}({self.place!r}, {component}, {amplitude}{more})"
+
+    def shows(self, parts: NamedParts, component: int, hypothesis: str) -> bool:
+        """True if the motion of the nodes determines a component of that of the point."""
+        dim = parts.raw.dim
+        points = parts.raw.points[parts.nodes(self.place)]
+        turns = () if hypothesis == "axisymmetric" else TURNS[dim]
+        coupled = np.array(self.components or range(dim))
+        weights = np.full(len(points), 1.0 / len(points))
+        return component < dim + len(turns) and (
+            fit_of(points, weights, component, self.point, coupled, turns) is not None
+        )
+
+
+def _couplings(
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, hypothesis: str, left: list[Left]
+) -> list[Coupling]:
+    """Couplings of a deck; those without counterpart are left."""
+    couplings = []
+    taken: set[int] = set()
+    for block, after in zip(found, [*found[1:], None], strict=True):
+        if block.keyword not in KINDS or (block.keyword == "RIGID BODY" and _without_cells(block, parts)):
+            continue
+        made = _coupling(found, block, after, parts, nodes)
+        if isinstance(made, Coupling) and made.rigid and hypothesis == "axisymmetric":
+            made = "no counterpart: a rigid coupling in axisymmetry"
+        own = {number for number, _ in made.ways} if isinstance(made, Coupling) else set()
+        if own & taken:
+            made = "its reference node has another coupling too"
+        taken |= own
+        if isinstance(made, str):
+            left.append(block.left(made))
+        else:
+            couplings.append(made)
+    return couplings
+
+
+def _without_cells(block: Block, parts: NamedParts) -> bool:
+    return "NSET" not in block.options and parts.place(f"RIGID BODY:{block.line}") is None
+
+
+def _coupling(
+    found: Sequence[Block], block: Block, after: Block | None, parts: NamedParts, nodes: DeckNodes
+) -> Coupling | str:
+    """Coupling of a block, or the reason why there is none."""
+    if "ORIENTATION" in block.options:
+        return "no counterpart: local axes (ORIENTATION)"
+    dim = parts.raw.dim
+    rigid = block.keyword == "RIGID BODY"
+    words = [block.word("REF NODE"), block.word("ROT NODE")]
+    place = parts.place(f"{block.keyword}:{block.line}")
+    components = None
+    if block.keyword == "COUPLING":
+        kind = after.keyword if after is not None else ""
+        if kind not in ("KINEMATIC", "DISTRIBUTING") or after is None or "CYCLIC SYMMETRY" in after.options:
+            return "needs *KINEMATIC or *DISTRIBUTING after it, without cyclic symmetry"
+        rigid = kind == "KINEMATIC"
+        components = _components(after, dim) if rigid else None
+        place = parts.surface(block.word("SURFACE"))
+        place = parts.place(block.word("SURFACE")) if place is None else place
+    elif "NSET" in block.options:
+        place = parts.place(block.option("NSET"))
+    elif block.keyword == "DISTRIBUTING COUPLING":
+        own = [one for one in of_kind(found, "ELEMENT") if one.word("ELSET") == block.word("ELSET")]
+        words = [own[0].rows[0][1] if own and own[0].rows else block.word("ELSET"), ""]
+        if len({row[1] for row in block.rows if len(row) > 1}) > 1:
+            return "no counterpart: its nodes have different weights"
+    elif block.keyword == "MPC":
+        kinds = [row[0].upper() for row in block.rows if row and not row[0].isdigit()]
+        if kinds != ["MEANROT"]:
+            return f"no counterpart: {', '.join(kinds)}; hhr.Equation or hhr.RigidMotion may be one"
+        words = [next(word for word in reversed(block.rows[-1]) if word), ""]
+    if place is None:
+        return "it has no nodes of the mesh"
+    pilot, turned = (nodes.single(word) if word else None for word in words)
+    if pilot is None and any(words):
+        return f"'{words[0]}' is not one node"
+    return _with_ways(block, place, rigid, components, pilot, turned, parts, nodes)
+
+
+def _with_ways(
+    block: Block,
+    place: Tag,
+    rigid: bool,
+    components: tuple[int, ...] | None,
+    pilot: int | None,
+    turned: int | None,
+    parts: NamedParts,
+    nodes: DeckNodes,
+) -> Coupling | str:
+    """Coupling with the components that degrees of freedom of its reference nodes move."""
+    dim = parts.raw.dim
+    ways: dict[tuple[int, int], int] = {}
+    point = None
+    if pilot is None:
+        return Coupling(block, place, rigid, components, None, {})
+    place_of = nodes.point(pilot)
+    if block.keyword == "MPC":
+        axis = int(np.abs(place_of).argmax())
+        if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
+            return "no counterpart: its pilot node is on no axis of the mesh"
+        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis})
+    point = tuple(place_of[:dim].tolist())
+    if pilot in nodes.of_cells and rigid and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0:
+        return "its reference node is one of cells outside of its nodes"
+    rotations = range(3) if dim == 3 else (2,)
+    ways |= {(pilot, k): k for k in range(dim) if pilot not in nodes.of_cells}
+    for k, axis in enumerate(rotations):
+        ways[(pilot, 3 + axis)] = dim + k
+        if turned is not None:
+            ways[(turned, axis)] = dim + k
+    return Coupling(block, place, rigid, components, point, ways)
+
+
+def _components(block: Block, dim: int) -> tuple[int, ...] | None:
+    """Components of *KINEMATIC, None for all of them."""
+    numbers = [[int(word.upper().lstrip("U").replace("R", "")) for word in row if word] for row in block.rows]
+    listed = {k - 1 for row in numbers if row for k in range(row[0], row[-1] + 1)} & set(range(dim))
+    return None if not listed or len(listed) == dim else tuple(sorted(listed))
+
+
+def coupled_of(
+    found: Sequence[Block],
+    state: Sequence[Imposed],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    hypothesis: str,
+    thickness: float,
+    left: list[Left],
+) -> tuple[list[Imposed], list[Load], list[Load]]:
+    """Supports and loads that are on no reference node, constraints of couplings, and forces on reference nodes."""
+    couplings = _couplings(found, parts, nodes, hypothesis, left)
+    constraints = [
+        Load("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source) for one in couplings if one.rigid
+    ]
+    forces: list[Load] = []
+    kept = []
+    by_way = {way: (one, component) for one in couplings for way, component in one.ways.items()}
+    pilots = {number for number, _ in by_way}
+    for item in state:
+        number = nodes.single(item.row[0])
+        if item.block.keyword not in ("BOUNDARY", "CLOAD") or number is None or number not in pilots:
+            kept.append(item)
+        elif (number, item.component) in by_way:
+            one, component = by_way[number, item.component]
+            made = _made(one, component, item, thickness)
+            if not one.shows(parts, component, hypothesis):
+                left += [item.block.left(f"the nodes of its coupling do not determine component {component + 1}")] * (
+                    item.factor != 0
+                )
+            elif item.block.keyword == "BOUNDARY":
+                constraints.append(made)
+            elif item.factor:
+                forces.append(made)
+        elif number in nodes.of_cells:
+            kept.append(item)
+        elif item.factor:
+            left.append(item.block.left(f"'{item.row[0]}' has no component {item.component + 1}"))
+    return kept, constraints, forces
+
+
+def _more(one: Coupling) -> str:
+    return "" if one.components is None else f", components={one.components!r}"
+
+
+def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> Load:
+    dim = 3 if one.point is None else len(one.point)
+    turns = component >= dim
+    if item.block.keyword == "BOUNDARY":
+        return Load("turn" if turns else "displacement", one.text("MeanMotion", component, "{}"), item.factor,
+                    item.block.source)  # fmt: skip
+    text = one.text("CoupledForce", component, "{}")
+    return Load("moment" if turns else "force", text, item.factor / thickness, item.block.source)
+

@@ -1,0 +1,58 @@
+"""Nodes of a deck by their numbers: which are no nodes of cells, and their coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck
+from hhr_dolfinx.geometries.cells import DIMENSION
+
+
+@dataclass(frozen=True)
+class DeckNodes:
+    """Nodes of a deck whose parts are joined; numbers are those of the joined deck."""
+
+    deck: Deck
+
+    def numbers(self, word: str) -> tuple[int, ...]:
+        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``, in their order; empty if there are none."""
+        name = word.upper()
+        if name in self.deck.node_sets:
+            return tuple(sorted(set(self.deck.node_sets[name])))
+        instance, _, own = name.rpartition(".")
+        first = {one.upper(): k * STRIDE for k, one in enumerate(self.deck.instances, start=1)} | {"": 0}
+        number = first.get(instance, 0) + int(own) if own.isdigit() else 0
+        return (number,) if number in self.deck.nodes else ()
+
+    def single(self, word: str) -> int | None:
+        """The one node of a word; None for none and for several."""
+        found = self.numbers(word)
+        return found[0] if len(found) == 1 else None
+
+    def point(self, number: int) -> np.ndarray:
+        """Coordinates of a node, (3,)."""
+        return np.array(self.deck.nodes[number])
+
+    @cached_property
+    def of_cells(self) -> frozenset[int]:
+        """Nodes of the elements of the highest dimension."""
+        kinds = {number: DIMENSION.get(kind, 3 if kind != "line" else 1) for number, (kind, _) in self.solids.items()}
+        most = max(kinds.values(), default=0)
+        return frozenset(node for number, dim in kinds.items() if dim == most for node in self.deck.whole[number])
+
+    @property
+    def solids(self) -> dict[int, tuple[str, list[int]]]:
+        """Elements without rigid ones and lines."""
+        return {
+            number: item
+            for number, item in self.deck.elements.items()
+            if item[0] != "line" and not self.deck.types[number].startswith("R")
+        }
+
+    def free_of_cells(self, word: str) -> bool:
+        """True for nodes that are all no nodes of cells."""
+        found = self.numbers(word)
+        return bool(found) and not self.of_cells & set(found)

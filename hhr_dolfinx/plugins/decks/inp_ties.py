@@ -1,0 +1,121 @@
+"""Ties and cyclic symmetry of a deck, and sections of preloaded bolts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.plugins.constraints.cut import CutMesh
+from hhr_dolfinx.plugins.constraints.equations import ALIKE, Periodic
+from hhr_dolfinx.plugins.decks.deck import Left, Load
+from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.named import NamedParts
+
+ROUNDED = 1e-4
+"""Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
+
+
+def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list[Load]:
+    """Ties and periodic surfaces; those without counterpart are left."""
+    ties = []
+    models = of_kind(found, "CYCLIC SYMMETRY MODEL")
+    for block in of_kind(found, "TIE"):
+        for row in block.rows:
+            names = [word for word in row if word][:2]
+            if len(names) < 2 or {"MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"} & block.options.keys():
+                left.append(block.left("no counterpart: it is no tie of two surfaces"))
+            elif "CYCLIC SYMMETRY" in block.options:
+                own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]
+                text = _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
+                if text.startswith("hhr"):
+                    ties.append(Load("", text, 0.0, block.source))
+                else:
+                    left.append(block.left(text))
+            else:
+                slave, master = (parts.surface(name) for name in names)
+                if slave is None or master is None:
+                    left.append(block.left(f"'{names[slave is not None]}' is no surface with facets of the mesh"))
+                else:
+                    ties.append(Load("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
+    return ties
+
+
+def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
+    """Text of a periodic pair of surfaces, or the reason why there is none."""
+    places = [parts.place(name) for name in names]
+    follower, leader = places
+    if follower is None or leader is None:
+        return f"'{names[follower is not None]}' is no set of nodes of the mesh"
+    dim = parts.raw.dim
+    ends = np.array([*model.numbers(model.rows[0]), *(0.0,) * 6][:6]).reshape(2, 3) if model.rows else np.zeros((2, 3))
+    along = ends[1] - ends[0]
+    axis = int(np.abs(along).argmax())
+    off = np.delete(ends, axis, axis=1)
+    if not along.any() or np.abs(off).max() > ALIKE * np.abs(along).max() or (dim == 2 and axis != 2):
+        return "its axis is none of the axes of the mesh through the origin"
+    own, other = (parts.raw.points[parts.nodes(place)] for place in (follower, leader))
+    size = np.ptp(parts.raw.points, axis=0).max()
+    for sign in (1.0, -1.0):
+        angle = sign * 2 * np.pi / model.number(model.option("N"))
+        turn = Periodic(follower, leader, angle=angle, axis=axis).turn(dim)
+        far = cKDTree(other @ turn.T).query(own)[0].max() / size
+        if far <= ROUNDED:
+            more = f", tolerance={ROUNDED!r}" if far > ALIKE else ""
+            return f"hhr.Periodic({follower!r}, {leader!r}, angle={angle!r}, axis={axis}{more})"
+    return "nodes of its surfaces, turned by the angle, do not coincide"
+
+
+def sections_of(
+    found: Sequence[Block], path: Path, parts: NamedParts, left: list[Left]
+) -> tuple[list[tuple[Block, str]], NamedParts]:
+    """Sections of preloaded bolts by their blocks, and the mesh that is cut there."""
+    sections: list[tuple[Block, str]] = []
+    for block in of_kind(found, "PRE-TENSION SECTION"):
+        name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
+        if not isinstance(name, str):
+            left.append(block.left("no counterpart: it is no surface with facets, but of an element"))
+            continue
+        try:
+            cut = CutMesh(path, sections=(*(one for _, one in sections), name)).read()
+        except FileContentError as error:
+            left.append(block.left(f"the mesh cannot be cut there: {error}"))
+            continue
+        sections.append((block, name))
+        parts = NamedParts(cut)
+    return sections, parts
+
+
+def preloads_of(
+    sections: Sequence[tuple[Block, str]], state: Sequence[Imposed], nodes: DeckNodes, left: list[Left]
+) -> tuple[list[Imposed], list[Load], list[Load]]:
+    """Supports and loads on other nodes, constraints of sections, and forces in bolts."""
+    pilots = {nodes.single(block.word("NODE")): name for block, name in sections}
+    by_name: dict[str, list[Imposed]] = {name: [] for _, name in sections}
+    kept = []
+    for item in state:
+        of_node = item.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(item.row[0]) in pilots
+        if not of_node or nodes.single(item.row[0]) is None:
+            kept.append(item)
+        elif item.component == 0:
+            by_name[pilots[nodes.single(item.row[0])]].append(item)
+    constraints = []
+    forces = []
+    for block, name in sections:
+        imposed = [item for item in by_name[name] if item.block.keyword == "BOUNDARY"]
+        drawn = [item for item in by_name[name] if item.block.keyword == "CLOAD" and item.factor]
+        if imposed:
+            # a shortening of 0 has an amplitude, too
+            text = f"hhr.Preload({name!r}, {{}})" if imposed[-1].factor else f"hhr.Preload({name!r}, 0.0)"
+            constraints.append(Load("shortening", text, imposed[-1].factor, imposed[-1].block.source))
+        else:
+            constraints.append(Load("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
+        for item in () if imposed else drawn:
+            forces.append(Load("preload", f"hhr.BoltForce({name!r}, {{}})", item.factor, item.block.source))
+        if imposed and drawn:
+            left.append(drawn[-1].block.left("its section has a shortening too, which counts"))
+    return kept, constraints, forces
