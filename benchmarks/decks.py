@@ -34,9 +34,10 @@ QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
 COMMAND = "import sys; sys.argv[0] = 'hhr'; from hhr_dolfinx.command.start import main; main()"
 
 
-def hhr(*words: str | Path) -> tuple[bool, str]:
-    """Run a command as a user does: whether it ended well, and what it said."""
-    done = subprocess.run([sys.executable, "-c", COMMAND, *map(str, words)], capture_output=True, text=True)
+def hhr(folder: Path, *words: str | Path) -> tuple[bool, str]:
+    """Run a command in a folder as a user does: whether it ended well, and what it said."""
+    line = [sys.executable, "-c", COMMAND, *map(str, words)]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=folder)
     foreign = "Traceback" in done.stderr
     return done.returncode == 0, ("FOREIGN " if foreign else "") + done.stdout + done.stderr
 
@@ -61,7 +62,7 @@ def again(deck: Path, entry: Entry) -> float | None:
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     subprocess.run(["ccx", deck.stem], cwd=deck.parent, capture_output=True, timeout=300, env=environment)
     nodes = re.findall(r"^(\d+), ([-+.e\d]+), ([-+.e\d]+), ([-+.e\d]+)$", deck.read_text(), re.MULTILINE)
-    count = int(nodes[-1][0]) if nodes else 0
+    count = max(int(words[0]) for words in nodes)
     points, moved = np.full((count, 3), 1e9), np.full((count, 3), np.nan)
     for number, *place in nodes:
         points[int(number) - 1] = [float(word) for word in place]
@@ -88,7 +89,7 @@ def judged(entry: Any, ours: float | None, said: str) -> str:
         return f"refused: {found}" if found else f"silent: nothing says {expected}"
     if ours is None:
         return f"by hand: {left[0]}" if left else f"refused: {sentence}"
-    off = abs(ours / entry.reference - 1)
+    off = abs(ours / entry.reference - 1) if entry.reference else float("inf")
     if off <= entry.within:
         return "right"
     return f"by hand: {left[0]}" if left else f"off by {100 * off:.2g} %"
@@ -100,11 +101,11 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     deck.write_text(entry.write())
     scene, fields = deck.with_suffix(".py"), deck.with_suffix(".vtu")
     begin = time.perf_counter()
-    well, said = hhr("start", deck, "--force")
+    well, said = hhr(folder, "start", deck.name, "--force")
     ours = None
     if well:
-        said += hhr("check", scene)[1]
-        well, solved = hhr("solve", scene, "--out", fields)
+        said += hhr(folder, "check", scene.name)[1]
+        well, solved = hhr(folder, "solve", scene.name, "--out", fields.name)
         said += solved
     minutes = (time.perf_counter() - begin) / 60
     if well and not isinstance(entry.reference, str):
@@ -137,6 +138,7 @@ def main() -> None:
     words = [word.strip() for word in options.only.split(",") if word.strip()]
     options.out.mkdir(parents=True, exist_ok=True)
     folder = options.out / "decks"
+    folder = folder.resolve()
     folder.mkdir(exist_ok=True)
     rows = []
     for entry in (*ENTRIES, *deck_cases.CASES):
@@ -144,7 +146,7 @@ def main() -> None:
             continue
         deck = isinstance(entry, Entry)
         rows.append(run(entry, folder, options.again) if deck else run_case(entry, folder))
-        options.console.print(f"{entry.source}: {rows[-1]['outcome']}", rows[-1].get("calculix", ""), markup=False)
+        options.console.print(*(rows[-1].get(name, "") for name in ("source", "ours", "calculix", "outcome")), markup=False)
     table = Table("source", "kind", "minutes", "quantity", "reference", "ours", "outcome")
     for row in rows:
         shown = [f"{row[name]:.4g}" if isinstance(row[name], float) else "" for name in ("minutes", "reference", "ours")]
