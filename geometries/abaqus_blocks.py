@@ -242,26 +242,24 @@ def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[lis
     Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first`` and ``... others``.
     """
     if block.startswith("EQUATION:"):
-        words = [word for row in rows if len([*filter(None, row)]) > 1 for word in row[::3]]
+        for word in {word for row in rows if len([*filter(None, row)]) > 1 for word in row[::3] if word}:
+            if word.isdigit():
+                named = {deck.label(int(word)): [int(word)]}
+            else:
+                members = sorted(set(deck.node_sets.get(word.upper(), [])))
+                named = {f"{word} first": members[:1], f"{word} others": members[1:]} if len(members) > 1 else {}
+            for end, numbers in named.items():
+                deck.node_sets[deck.named("nset", name_of_loaded(block, [end]))] = numbers
     elif block.startswith("RIGID BODY:"):
         elements = deck.element_sets.get(options.get("ELSET", "").upper(), [])
-        numbers = sorted({node for element in elements for node in deck.whole.get(element, ())})
-        deck.node_sets[deck.named("nset", block)] = numbers
-        return
+        deck.node_sets[deck.named("nset", block)] = sorted({n for one in elements for n in deck.whole.get(one, ())})
     else:
-        own = [row[:1] if block.startswith("DIST") else row for row in rows]
-        words = [word for row in own for word in row]
-        members = [deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else []) for word in words if word]
+        # a word of *DISTRIBUTING COUPLING is followed by its weight
+        words = [word for row in rows for word in (row[:1] if block.startswith("DIST") else row) if word]
+        parts = [deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else []) for word in words]
         # the last node of a mean rotation is its pilot
-        numbers = sorted({node for one in members for node in one} - set(members[-1] if words[0].upper() == "MEANROT" else ()))
-        deck.node_sets[deck.named("nset", block)] = numbers
-        return
-    for word in words:
-        if word.isdigit():
-            deck.node_sets[deck.named("nset", name_of_loaded(block, [deck.label(int(word))]))] = [int(word)]
-        elif len(members := sorted(set(deck.node_sets.get(word.upper(), [])))) > 1:
-            deck.node_sets[deck.named("nset", name_of_loaded(block, [word, "first"]))] = members[:1]
-            deck.node_sets[deck.named("nset", name_of_loaded(block, [word, "others"]))] = members[1:]
+        pilot = set(parts[-1]) if words and words[0].upper() == "MEANROT" else set()
+        deck.node_sets[deck.named("nset", block)] = sorted({n for one in parts for n in one} - pilot)
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:

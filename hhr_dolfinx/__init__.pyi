@@ -30,11 +30,12 @@ from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
 from .plugins.checks.mesh_error import MeshError as MeshError
 from .plugins.checks.mesh_error import mesh_error as mesh_error
+from .plugins.constraints.couplings import CoupledForce as CoupledForce
+from .plugins.constraints.couplings import MeanMotion as MeanMotion
+from .plugins.constraints.couplings import RigidMotion as RigidMotion
 from .plugins.constraints.cut import CutMesh as CutMesh
 from .plugins.constraints.equations import Equation as Equation
-from .plugins.constraints.equations import MeanMotion as MeanMotion
 from .plugins.constraints.equations import Periodic as Periodic
-from .plugins.constraints.equations import RigidMotion as RigidMotion
 from .plugins.constraints.preload import BoltForce as BoltForce
 from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload

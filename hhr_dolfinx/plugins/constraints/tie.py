@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -45,7 +45,8 @@ class Tie:
     def equations(self, assembler: Assembler) -> Equations:
         """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not face."""
         pairing: Pairing = self.pairing(self.slave, self.master)
-        surfaces = [assembler.surface(tag) for tag in pairing.tags]
+        # on cells of second order all nodes follow the flat parts of facets between them
+        surfaces = [replace(assembler.surface(tag), quadratic=None) for tag in pairing.tags]
         rows = pairing.rows(surfaces, assembler.size)
         dim = surfaces[0].points.shape[1]
         count = rows.gap.size

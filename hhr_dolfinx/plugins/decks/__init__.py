@@ -7,7 +7,7 @@ _MESH = "hhr_dolfinx.plugins.decks.with_outside"
 
 PLUGIN = Plugin(
     name="decks",
-    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints"),
+    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints", "obstacles"),
     public={_LOADS: "NodalForces", _MESH: "WithOutside"},
     parts={
         "loads": {_LOADS: "NodalForces"},

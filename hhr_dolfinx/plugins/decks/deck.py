@@ -55,12 +55,16 @@ class Load:
 
 @dataclass(frozen=True)
 class Pair:
-    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps."""
+    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps.
+
+    The text of a curved rigid surface has ``{place}`` for its motion.
+    """
 
     text: str
     friction: float
     source: str
     gap: float = 0.0
+    motion: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

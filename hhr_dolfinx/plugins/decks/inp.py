@@ -19,7 +19,7 @@ from hhr_dolfinx.plugins.decks.inp_equations import equations_of
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
@@ -52,6 +52,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
     left = list(_ignored(found))
+    whole = parts
     cuts, parts = sections_of(found, path, parts, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
@@ -73,9 +74,9 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         constraints += more[0]
         forces += more[1]
     constraints += ties_of(found, parts, left)
-    supports, loads = loads_of(found, own, parts, materials, thickness, left)
+    supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, state, left) or parts.out_of_reach(supports)
+    pairs = pairs_of(found, parts, nodes, state, left) or whole.out_of_reach(supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))

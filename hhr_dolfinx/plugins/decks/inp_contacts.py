@@ -1,4 +1,4 @@
-"""Contact pairs of a deck, their friction, and rigid planes."""
+"""Contact pairs of a deck, their friction, and rigid surfaces."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
+from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_tools import tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 STRAIGHT = 1e-9
@@ -16,10 +18,12 @@ Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 """A point of a rigid plane, its unit normal, and the motion of its reference node, (dim,) each."""
 
 
-def pairs_of(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> tuple[Pair, ...]:
+def pairs_of(
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
+) -> tuple[Pair, ...]:
     """Contact pairs and obstacles; parts without counterpart are left."""
     friction = _frictions(found, left)
-    planes = _planes(found, parts, state, left)
+    planes, tools = _rigid(found, parts, nodes, state)
     cleared = of_kind(found, "CLEARANCE")
     gaps = {(block.word("SLAVE"), block.word("MASTER")): block.number(block.option("VALUE")) for block in cleared}
     pairs = []
@@ -41,8 +45,14 @@ def pairs_of(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed]
                 normal = normal * np.sign(normal @ parts.normals(deformable).mean(axis=0)) + 0.0
                 text = f"hhr.Obstacle({deformable!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
                 pairs.append(Pair(text, coefficient, block.source, float(motion @ normal)))
+            elif lost[0] in tools and deformable is not None:
+                text, motion = tools[lost[0]]
+                text = text.replace("{surface}", repr(deformable))
+                pairs.append(Pair(text, coefficient, block.source, motion=tuple(motion.tolist())))
             else:
-                left.append(block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid plane"))
+                left.append(
+                    block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid surface that is read")
+                )
     return tuple(pairs)
 
 
@@ -69,8 +79,10 @@ def is_tool(block: Block, parts: NamedParts) -> bool:
     return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
 
 
-def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed], left: list[Left]) -> dict[str, Plane]:
-    """Rigid planes by the name of their surface in capitals: straight profiles, and rigid elements in a plane."""
+def _rigid(
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed]
+) -> tuple[dict[str, Plane], dict[str, tuple[str, np.ndarray]]]:
+    """Rigid surfaces by their names in capitals: planes, and texts and motions of curved ones."""
     dim = parts.raw.dim
     motions: dict[str, np.ndarray] = {}
     for block in of_kind(found, "RIGID BODY"):
@@ -81,6 +93,7 @@ def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed],
             if item.row[0].upper() == block.word("REF NODE") and item.moves(dim) and item.component < dim:
                 motion[item.component] = item.factor
     planes = {}
+    tools = {}
     for block in of_kind(found, "SURFACE"):
         name = owner = block.option("NAME").upper()
         firsts = [row[0].upper() for row in block.rows]
@@ -92,9 +105,12 @@ def _planes(found: Sequence[Block], parts: NamedParts, state: Sequence[Imposed],
             owner = firsts[0]
             points = _points_of(found, owner)
         plane = _plane(np.array(points), sweep=profile or dim == 2)
+        motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
-            planes[name] = plane[0][:dim], plane[1][:dim], motions.get(owner, np.zeros(dim))
-    return planes
+            planes[name] = plane[0][:dim], plane[1][:dim], motion
+        elif (profile or owner in motions) and (text := tool_of(block, "" if profile else owner, nodes, dim)):
+            tools[name] = text, motion
+    return planes, tools
 
 
 def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:

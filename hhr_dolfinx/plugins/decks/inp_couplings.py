@@ -64,8 +64,13 @@ def _couplings(
         taken |= own
         if isinstance(made, str):
             left.append(block.left(made))
-        else:
-            couplings.append(made)
+            continue
+        couplings.append(made)
+        if block.keyword == "DISTRIBUTING COUPLING" and made.ways:
+            points = parts.raw.points[parts.nodes(made.place)]
+            off = points.mean(axis=0) - nodes.point(next(iter(own)))[: parts.raw.dim]
+            if np.abs(off).max() > 1e-6 * np.ptp(points, axis=0).max():
+                left.append(block.left("as in CalculiX, its reference node counts as the centre of its nodes"))
     return couplings
 
 
@@ -134,6 +139,8 @@ def _with_ways(
         if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
             return "no counterpart: its pilot node is on no axis of the mesh"
         return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis})
+    if block.keyword == "DISTRIBUTING COUPLING":  # in CalculiX the mean of its nodes, without rotations
+        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)})
     point = tuple(place_of[:dim].tolist())
     if pilot in nodes.of_cells and rigid and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0:
         return "its reference node is one of cells outside of its nodes"
@@ -205,4 +212,3 @@ def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> Loa
                     item.block.source)  # fmt: skip
     text = one.text("CoupledForce", component, "{}")
     return Load("moment" if turns else "force", text, item.factor / thickness, item.block.source)
-

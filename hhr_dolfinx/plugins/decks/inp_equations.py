@@ -113,9 +113,9 @@ class Equations:
         if len(open_ways) > 1 or (open_ways and len(sets) > 1):
             return "several nodes that belong to no cell are free in it"
         if open_ways and sets:
-            (place, component), value = next(iter(found.own.items()))
+            ((_, component), value), *more = found.own.items()
             first, others = (self.parts.place(f"EQUATION:{block.line} {sets[0]} {k}") for k in ("first", "others"))
-            if len(found.own) > 1 or first is None or others is None:
+            if more or first is None or others is None:
                 return "a set and a node that belongs to no cell have other terms too"
             self._write(block, Combination({(others, component): 1.0, (first, component): -1.0}))
             found.own = {(first, component): value}

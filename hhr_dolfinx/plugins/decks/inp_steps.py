@@ -101,8 +101,12 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
                 key = (block.keyword, row[0].upper(), detail)
                 state.pop(key, None)
                 state[key] = item
-    # the reader gives rows by numbers with the same load one name
-    return tuple({(item.place, item.component, *item.row[1:]): item for item in state.values()}.values())
+    return tuple(state.values())
+
+
+def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
+    """Supports and loads by the names of their nodes: the reader gives rows by numbers with the same load one name."""
+    return tuple({(item.place, item.component, *item.row[1:]): item for item in state}.values())
 
 
 def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -44,6 +45,7 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     driven += [("displacement", item, item.value) for item in deck.supports]
     driven += [(item.kind, item, item.value) for item in deck.constraints]
     driven += [("gap", item, item.gap) for item in deck.pairs]
+    driven += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
     for kind, item, value in driven:
         if value:
             groups.setdefault((kind, item.source), {})[item] = value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
     stem = re.sub(r"\W", "_", file.stem)
     parts: Mapping[str, Iterator[str]] = {
         "bodies": (_body(item, of) for item in deck.sections),
-        "contacts": map(_pair, deck.pairs),
+        "contacts": (_pair(item, of) for item in deck.pairs),
         "displacements": _supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, of),
         "loads": (
             f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
@@ -69,9 +70,15 @@ def _body(item: Section, of: Mapping[Item, str]) -> str:
     return f"{text},  # {item.source}: {material.name} of {material.source}"
 
 
-def _pair(pair: Pair) -> str:
+def _pair(pair: Pair, of: Mapping[Item, str]) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
-    return f"{pair.text.replace('{}', friction)},  # {pair.source}"
+    place: tuple[float | str, ...] = pair.motion
+    if pair in of:
+        # the amplitude of the length of the motion: a name, or a name and its factor
+        name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", of[pair])[0]
+        parts = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
+        place = tuple(f"{part!r} * {name}" if part else 0.0 for part in parts)
+    return f"{pair.text.replace('{}', friction).replace('{place}', repr(place))},  # {pair.source}"
 
 
 def _constraint(item: Load, of: Mapping[Item, str]) -> str:

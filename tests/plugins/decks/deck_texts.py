@@ -15,7 +15,7 @@ def _mesh(first, low, high, cells):
     return dict(zip(number.ravel().tolist(), points, strict=True)), elements
 
 
-def _block(name, first, low, high, cells):
+def block_lines(name, first, low, high, cells):
     """Lines of one body, with sets NAME_X0, NAME_X1, ... of its sides, and surfaces NAME_TOP and NAME_BOTTOM."""
     points, elements = _mesh(first, low, high, cells)
     lines = ["*NODE, NSET=ALL", *(f"{k}, {x!r}, {y!r}, {z!r}" for k, (x, y, z) in points.items())]
@@ -34,7 +34,7 @@ def _block(name, first, low, high, cells):
 
 def bar(step, more="", poisson=0.3, cells=(4, 1, 1)):
     """A bar of 4 x 1 x 1 on rollers at x, y and z = 0; ``more`` are lines of its material."""
-    lines = _block("BAR", 1, (0.0, 0.0, 0.0), (4.0, 1.0, 1.0), cells)
+    lines = block_lines("BAR", 1, (0.0, 0.0, 0.0), (4.0, 1.0, 1.0), cells)
     lines += [STEEL.format(poisson=poisson, more=more), "*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL"]
     lines += ["*BOUNDARY", "BAR_X0, 1", "BAR_Y0, 2", "bar_z0, 3", "*STEP", "*STATIC", "1., 1.", step, "*END STEP"]
     return "\n".join(lines) + "\n"
@@ -42,8 +42,8 @@ def bar(step, more="", poisson=0.3, cells=(4, 1, 1)):
 
 def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, interaction="", before=""):
     """Two unit cubes on each other, on rollers at x, y and z = 0."""
-    lines = _block("LOWER", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1))
-    lines += _block("UPPER", 1001, (0.0, 0.0, 1.0 + gap), (1.0, 1.0, 2.0 + gap), upper)
+    lines = block_lines("LOWER", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1))
+    lines += block_lines("UPPER", 1001, (0.0, 0.0, 1.0 + gap), (1.0, 1.0, 2.0 + gap), upper)
     lines += [STEEL.format(poisson=0.0, more=""), *(f"*SOLID SECTION, ELSET={name}, MATERIAL=STEEL"
                                                      for name in ("LOWER", "UPPER"))]  # fmt: skip
     lines += [

@@ -303,7 +303,9 @@ def test_our_own_decks_come_back(tmp_path):
 
 def test_parts_without_counterpart_are_named(tmp_path):
     step = "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n*BOUNDARY, FIXED\n99, 1\n"
-    before = "*EQUATION\n2\n5, 2, 1., 77777, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
+    before = (
+        "*EQUATION\n2\n5, 2, 1., 77777, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
+    )
     before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
     text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
     scene, output = started(tmp_path, text)

@@ -1,0 +1,203 @@
+"""Constraints of decks become those of scenes: against CalculiX 2.20, whose displacements are numbers here, or exactly.
+
+Its elements of first order, C3D8, are those of the scene.
+"""
+
+import numpy as np
+import pytest
+from deck_texts import bar, block_lines, blocks
+from needs import needs
+from test_decks import end, solved, started
+
+import hhr_dolfinx as hhr
+
+PILOTS = "*NODE\n901, 5., 0.2, 0.9\n902, 5., 0.2, 0.9\n903, 0., 0., 2.\n"
+FACE = "*SURFACE, NAME=HEAD\n4, S4\n"
+CLAMPED = "*BOUNDARY\nBAR_X0, 1, 3\n"
+
+
+def coupled(lines, step):
+    """The bar, clamped at x = 0, with constraints and a step."""
+    text = bar(step).replace("*BOUNDARY\nBAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3\n", PILOTS + FACE + lines + CLAMPED)
+    assert lines in text
+    return text
+
+
+RIGID = "*RIGID BODY, NSET=BAR_X1, REF NODE=901, ROT NODE=902\n"
+KINEMATIC = "*COUPLING, REF NODE=901, SURFACE=HEAD, CONSTRAINT NAME=C\n*KINEMATIC\n1, 3\n"
+ALONG = KINEMATIC.replace("1, 3", "1, 1")
+FORCES = "*CLOAD\n901, 3, -0.3\n901, 1, 2.\n"
+# step, and the displacement of the corner (4, 0, 0) by CalculiX 2.20
+BY_CCX = {
+    "rigid, force": (RIGID, FORCES + "902, 1, 0.5\n", (-0.009215145, 0.05514585, -0.1367317)),
+    "rigid, moved": (RIGID, "*BOUNDARY\n901, 1, 3, 0.01\n902, 1, 1, 0.02\n902, 2, 3\n", (0.01, 0.028, 0.006)),
+    "kinematic": (KINEMATIC, FORCES + "901, 4, 0.5\n", (-0.009215145, 0.05514585, -0.1367317)),
+    "kinematic, moved": (KINEMATIC, "*BOUNDARY\n901, 2, 2, 0.01\n901, 4, 4, 0.02\n", (0.002559315, 0.02288137, -0.01)),
+    "along x": (ALONG, "*BOUNDARY\n901, 1, 1, 0.01\n901, 4, 6\n", (0.01, 3.836317e-4, 3.836317e-4)),
+    "distributing": (
+        KINEMATIC.replace("KINEMATIC", "DISTRIBUTING").replace("1, 3", "1, 6"),
+        FORCES,
+        (-0.009114184, 0.03912611, -0.120558),
+    ),
+    "coupled forces": (
+        "*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n*DISTRIBUTING COUPLING, ELSET=D\nBAR_X1, 1.\n",
+        FORCES,
+        (-0.001387526, 0.0002358058, -0.05068077),
+    ),
+    "mean rotation": (
+        "*NODE\n904, 1., 0., 0.\n*MPC\nMEANROT, 5, 5, 5, 10, 10, 10, 15, 15, 15, 20, 20, 20, 904\n",
+        "*BOUNDARY\n904, 1, 1, 0.02\n",
+        (0.0, 0.01, -0.01),
+    ),
+    "equations": (
+        "*EQUATION\n3\n5, 3, 1., 10, 3, -2., 15, 1, 0.5\n2\n20, 2, 1., 901, 2, -1.\n2\n901, 2, 1., 15, 2, -2.\n",
+        "*CLOAD\nBAR_X1, 3, -0.1\n901, 2, 0.2\n",
+        (-0.003305866, 0.02071484, -0.03736907),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BY_CCX)
+def test_constraints_of_a_bar(name, tmp_path):
+    lines, step, moved = BY_CCX[name]
+    scene, output = started(tmp_path, coupled(lines, step))
+    assert ("TODO" in output) == ("as in CalculiX, its reference node counts as the centre" in output)
+    assert end(*solved(scene)) == pytest.approx(moved, abs=2e-7)
+
+
+@pytest.mark.parametrize("step", ["*CLOAD\n901, 1, 10.", "*BOUNDARY\n901, 1, 1, 0.04"])
+def test_a_set_follows_a_node_without_cells(step, tmp_path):
+    """All of the end moves as the node does, which no cell has: u = F L / E A."""
+    text = bar(step).replace("*STEP", PILOTS + "*EQUATION\n2\nBAR_X1, 1, 1., 901, 1, -1.\n*STEP")
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output
+    for place in ((4.0, 0.0, 0.0), (4.0, 1.0, 1.0)):
+        assert end(*solved(scene), place)[0] == pytest.approx(0.04, rel=1e-9)
+
+
+@pytest.mark.parametrize(("step", "moved"), [("*BOUNDARY\n903, 1, 1, 0.02", 0.01), ("*CLOAD\n903, 1, 5.", 0.01)])
+def test_a_preloaded_bar(step, moved, tmp_path):
+    """Both ends are held: the shortening s strains both halves by s / L, the force F by F / E A, in tension."""
+    text = bar(step).replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    text = text.replace(
+        "*STEP", PILOTS + "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
+    )
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and isinstance(scene.geometry, hhr.CutMesh)
+    full, answer = solved(scene)
+    assert answer.stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
+    assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
+
+
+def tied(step="*CLOAD\nUPPER_X1, 1, 0.1\nUPPER_Z1, 3, 0.1"):
+    """Two unit cubes with meshes that do not match, tied one on the other."""
+    text = blocks(step, upper=(3, 3, 2))
+    text = text.replace("UPPER_X0, 1\nUPPER_Y0, 2\n", "")
+    pair = text[text.index("*SURFACE INTERACTION") : text.index("*BOUNDARY")]
+    return text.replace(pair, "*TIE, NAME=T, POSITION TOLERANCE=0.1\nUPPER_BOTTOM, LOWER_TOP\n")
+
+
+def test_a_tie(tmp_path):
+    """CalculiX ties nodes to the surface, and the scene means of it: corners of the lid agree to 1 %."""
+    scene, output = started(tmp_path, tied())
+    assert "TODO" not in output and isinstance(scene.constraints[0], hhr.Tie)
+    moved = end(*solved(scene), (1.0, 1.0, 2.0))
+    assert moved == pytest.approx((0.02074459, -0.0004041438, -0.002264094), rel=0.01)
+
+
+def sector(step="*DSLOAD\nSIDES, P, 10.", count=4):
+    """A quarter of a square plate of 2 x 2 about z, between planes of symmetry."""
+    lines = block_lines("BAR", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1))
+    lines += ["*SURFACE, NAME=SIDES", "2, S4", "4, S4", "3, S5", "4, S5"]
+    lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "1000., 0.3", "*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL"]
+    lines += ["*SURFACE, NAME=S, TYPE=NODE", "BAR_X0", "*SURFACE, NAME=M, TYPE=NODE", "BAR_Y0"]
+    lines += [
+        "*TIE, NAME=T, CYCLIC SYMMETRY",
+        "S, M",
+        f"*CYCLIC SYMMETRY MODEL, N={count}, TIE=T",
+        "0., 0., 0., 0., 0., 1.",
+    ]
+    lines += ["*BOUNDARY", "BAR_Z0, 3", "BAR_Z1, 3", "3, 2", "*STEP", "*STATIC", step, "*END STEP"]
+    return "\n".join(lines) + "\n"
+
+
+def test_a_cyclic_structure(tmp_path):
+    """Under pressure all around strains are alike, and the axis stays; a sector of another angle is left."""
+    scene, output = started(tmp_path, sector())
+    assert "TODO" not in output
+    full, answer = solved(scene)
+    shrunk = 10.0 * (1 - 2 * 0.3) * (1 + 0.3) / 1000.0
+    u = answer.displacement().reshape(-1, 3)
+    assert u[:, :2] == pytest.approx(-shrunk * full.problem.points[:, :2], abs=1e-10)
+    _, output = started(tmp_path, sector(count=5), "other.inp")
+    assert "turned by the angle, do not coincide" in output
+
+
+def test_what_cannot_be_is_left(tmp_path):
+    lines = (
+        "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n"
+        + KINEMATIC.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
+        + "*TIE, NAME=T\nHEAD, NOWHERE\n*EQUATION\n2\n5, 1, 1., 903, 1, -1.\n3\n901, 1, 1., 902, 1, 1., 5, 1, 1.\n"
+        + "*PRE-TENSION SECTION, SURFACE=HEAD, NODE=903\n*RIGID BODY, NSET=NOWHERE, REF NODE=901\n"
+        + "*MPC\nPLANE, 5, 10, 15, 20\n"
+    )
+    _, output = started(tmp_path, coupled(lines, "*CLOAD\nBAR_X1, 1, 2."))
+    for words in (
+        "*COUPLING: no counterpart: local axes",
+        "*TIE: 'NOWHERE' is no surface",
+        "*PRE-TENSION SECTION: the",
+        "several nodes that belong to no cell",
+        "*RIGID BODY: it has no nodes",
+        "*MPC: no counterpart: PLANE",
+    ):
+        assert words in output  # fmt: skip
+
+
+ARC = (
+    "*SURFACE, TYPE=SEGMENTS, NAME=TOOL\nSTART, -2., 3.\nCIRCL, 0., 1., 0., 3.\nCIRCL, 2., 3., 0., 3.\n"
+    "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=9\n*NODE\n9, 0., 3.\n"
+)
+LINES = (
+    "*NODE\n9, 0., 3.\n20, -2., 1.2\n21, 0., 1.\n22, 2., 1.2\n*ELEMENT, TYPE=R2D2, ELSET=TOOL\n90, 20, 21\n91, 21, 22\n"
+    "*SURFACE, NAME=TOOL\nTOOL, SPOS\n*RIGID BODY, ELSET=TOOL, REF NODE=9\n"
+)
+
+
+@needs("obstacles")
+@pytest.mark.parametrize("tool", [ARC, LINES])
+def test_a_curved_tool_presses_a_node(tool, tmp_path):
+    """The middle of the lid of a strip goes down by 0.03, but for the slope of the chord of 1 degree that it meets."""
+    text = (
+        "*NODE\n1, -1., 0.\n2, 0., 0.\n3, 1., 0.\n4, -1., 1.\n5, 0., 1.\n6, 1., 1.\n*ELEMENT, TYPE=CPE4, ELSET=BODY\n"
+    )
+    text += "1, 1, 2, 5, 4\n2, 2, 3, 6, 5\n*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n"
+    text += (
+        "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*SURFACE, NAME=LID\n1, S3\n2, S3\n"
+        + tool
+        + "*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
+    )
+    text += "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and isinstance(scene.contacts[0], hhr.Profile)
+    assert scene.parameters.names == ("motion",)
+    full, answer = solved(scene)
+    node = np.linalg.norm(full.problem.points - (0.0, 1.0), axis=1).argmin()
+    assert answer.displacement().reshape(-1, 2)[node] == pytest.approx((0.0, -0.03), abs=2e-5)
+    assert (answer.forces() > 0).sum() == 1
+
+
+@needs("obstacles")
+def test_a_tool_of_rigid_elements(tmp_path):
+    """A roof above the upper block, whose ridge comes down by 0.1, presses its middle; at a crease one side counts."""
+    tool = (
+        "*NODE\n9001, -1., -1., 2.5\n9002, 0.5, -1., 2.\n9003, 2., -1., 2.5\n9004, -1., 2., 2.5\n9005, 0.5, 2., 2.\n"
+        "9006, 2., 2., 2.5\n9009, 0., 0., 3.\n*ELEMENT, TYPE=R3D4, ELSET=TOOL\n9001, 9001, 9002, 9005, 9004\n"
+        "9002, 9002, 9003, 9006, 9005\n*SURFACE, NAME=STAMP\nTOOL, SNEG\n*RIGID BODY, ELSET=TOOL, REF NODE=9009\n"
+        "*CONTACT PAIR, INTERACTION=TOUCH\nUPPER_TOP, STAMP"
+    )
+    text = blocks("*BOUNDARY\n9009, 1, 2\n9009, 3, 3, -0.1\n9009, 4, 6", before=tool, upper=(4, 4, 1))
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and isinstance(scene.contacts[1], hhr.RigidMesh)
+    full, answer = solved(scene)
+    forces = answer.forces()[full.problem.pressing_of(1)]
+    assert (forces > 0).sum() == 5 and end(full, answer, (0.5, 0.5, 2.0))[2] == pytest.approx(-0.1, abs=5e-4)
