@@ -393,21 +393,21 @@ def mixed_cubes() -> str:
     return deck.text
 
 
-def hertz(kind: str, radius: float = 50.0, push: float = 0.1) -> str:
+def hertz(kind: str, radius: float = 50.0, push: float = 0.4) -> str:
     """A quarter of a half cylinder on a block, by a displacement of its top, along arcs that grow away from contact."""
     deck = Writer()
 
     def arcs(points: np.ndarray) -> np.ndarray:
-        turn, depth = points[:, 0] ** 2 * np.pi / 2, points[:, 1]
+        turn, depth = points[:, 0] ** 1.5 * np.pi / 2, points[:, 1]
         there = np.stack([radius * np.sin(turn), radius * (1 - np.cos(turn)), points[:, 2]], axis=1)
         middle = np.stack([points[:, 0] * radius, np.full_like(turn, radius), points[:, 2]], axis=1)
-        return there + depth[:, None] ** 2 * (middle - there)
+        return there + depth[:, None] ** 1.5 * (middle - there)
 
     def block(points: np.ndarray) -> np.ndarray:
-        return np.stack([60 * points[:, 0] ** 2, -60 * (1 - points[:, 1]) ** 2, points[:, 2]], axis=1)
+        return np.stack([60 * points[:, 0] ** 1.6, -60 * (1 - points[:, 1]) ** 1.6, points[:, 2]], axis=1)
 
-    up = deck.box("EALL", kind, (40, 20), (0, 0), (1, 1), arcs)
-    low = deck.box("EALL", kind, (40, 20), (0, 0), (1, 1), block)
+    up = deck.box("EALL", kind, (50, 20), (0, 0), (1, 1), arcs)
+    low = deck.box("EALL", kind, (60, 20), (0, 0), (1, 1), block)
     deck.surface("SCYL", up.faces(at(1, 0)))
     deck.surface("SBLK", low.faces(at(1, 1)))
     deck.nset("X0", [*up.nodes(at(0, 0)), *low.nodes(at(0, 0))])
@@ -523,7 +523,7 @@ ENTRIES = (
     _cubes_entry("cubesmortar", "C3D20, mortar, friction", _SQUASHED, node(TOP2, 2), SQUASH, "C3D20", 0.0, STIFF + FRICTION, "MORTAR", HELD + PRESSED),
     _cubes_entry("testmortar", "C3D8, commas at the ends of lines", _SQUASHED, node(TOP2, 2), SQUASH, "C3D8", 0.0, "HARD", "MORTAR", HELD + PRESSED, comma=","),
     _cubes_entry("contact2", "C3D20, temperatures without expansion", _SQUASHED, node(TOP2, 2), -0.0008565314, "C3D20", 0.3, STIFF, S2S, "*BOUNDARY/TOP, 1, 2/*INITIAL CONDITIONS, TYPE=TEMPERATURE/NALL, 273./*STEP, NLGEOM, INC=100/*STATIC/*TEMPERATURE/NALL, 473./*DLOAD/{lid}", more="*EXPANSION/0.", by=CCX),
-    _cubes_entry("contact5", "C3D20, friction, a force at a corner", _SQUASHED, node(TOP2, 2), -0.001012547, "C3D20", 0.0, STIFF + FRICTION, S2S, PULLED + "CORNER, 3, -1.", by=CCX),
+    _cubes_entry("contact5", "C3D20, friction, a force at a corner", _SQUASHED, node(TOP2, 2), -0.001012547, "C3D20", 0.0, STIFF + FRICTION, S2S, PULLED + "CORNER, 3, -1.", by=CCX, cells=(2, 2)),
     _cubes_entry("fricloop", "C3D8, friction, slides in two steps", "normal force", FORCE, 100.0, "C3D8", 0.3, STIFF + FRICTION, S2S, "*STEP, NLGEOM/*STATIC/*BOUNDARY/TOP, 1, 2/*DLOAD/{lid}/*END STEP/*STEP, NLGEOM/*STATIC/*BOUNDARY/TOP, 1, 1, .001"),
     _cubes_entry("friction2", "C3D8, CHANGE FRICTION", "normal force", FORCE, 100.0, "C3D8", 0.3, STIFF + FRICTION, N2S, HELD + "*STEP/*STATIC/*DLOAD/{lid}/*END STEP/*STEP/*STATIC/*CHANGE FRICTION, INTERACTION=SI1/*FRICTION/.1, 80"),
     _cubes_entry("contact14", "C3D20, CLEARANCE -.1", "largest pressure", PRESSURE, 10500.0, "C3D20", 0.0, "HARD/*CLEARANCE, MASTER=MASTER, SLAVE=SLAVE, VALUE=-0.1", S2S, "*BOUNDARY/TOP, 1, 3/*STEP, NLGEOM/*STATIC"),
