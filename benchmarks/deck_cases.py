@@ -44,7 +44,9 @@ def push_off(name: str, folder: Path) -> float:
     deck = Writer()
     shaft = deck.box("SHAFT", "CAX4", (4, 16), (0.5, 0), (1, 2))
     hub = deck.box("HUB", "CAX4", (4, along), (1, 0.5), (1.5, 1.5))
-    deck.surface("OUTSIDE", shaft.faces(lambda points: at(0, 1)(points) & (points[:, 1] > 0.49) & (points[:, 1] < 1.51)))
+    deck.surface(
+        "OUTSIDE", shaft.faces(lambda points: at(0, 1)(points) & (points[:, 1] > 0.49) & (points[:, 1] < 1.51))
+    )
     deck.surface("BORE", hub.faces(at(0, 1)))
     deck.nset("FOOT", shaft.nodes(at(1, 0)))
     deck.nset("HEAD", hub.nodes(at(1, 1.5)))
@@ -107,7 +109,12 @@ def le10(ending: str, folder: Path) -> float:
     if ending == ".mail":
         _mail(path, mesh.points, plate)
     else:
-        faces = {11: _facets(plate, at(2, 0.6)), 12: _sides(plate, at(1, 0)), 13: _sides(plate, at(1, np.pi / 2)), 14: _sides(plate, at(0, 1))}
+        faces = {
+            11: _facets(plate, at(2, 0.6)),
+            12: _sides(plate, at(1, 0)),
+            13: _sides(plate, at(1, np.pi / 2)),
+            14: _sides(plate, at(0, 1)),
+        }
         middle = _sides(plate, at(0, 1))
         lines = np.concatenate([middle[:, [a, b, c]] for a, b, c in ((0, 1, 4), (1, 2, 5), (2, 3, 6), (3, 0, 7))])
         lines = lines[np.isin(lines, np.flatnonzero(SUPPORTS["MID"](plate.points))).all(axis=1)]
@@ -116,7 +123,9 @@ def le10(ending: str, folder: Path) -> float:
         data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
         names = {"PLATE": 1, "LID": 11, "YSYM": 12, "XSYM": 13, "RIM": 14, "MID": 15}
         field = {name: np.array([tag, 3 if tag == 1 else 1 if tag == 15 else 2]) for name, tag in names.items()}
-        meshio.Mesh(mesh.points, blocks, cell_data=data, field_data=field).write(path, file_format="gmsh22", binary=False)
+        meshio.Mesh(mesh.points, blocks, cell_data=data, field_data=field).write(
+            path, file_format="gmsh22", binary=False
+        )
     scene = hhr.Scene(
         "le10", hhr.MeshFile(path), "solid", (hhr.Body("PLATE", 210e3, 0.3),),
         (hhr.Obstacle("LID", (0.0, 0.0, 1.0), 50.0),), hhr.ParameterSpace(("p",), (0.0,), (2.0,)),
@@ -133,7 +142,12 @@ def le10(ending: str, folder: Path) -> float:
 
 def _sides(box: Box, where: Where) -> np.ndarray:
     """Faces of second order of any side, (f, 8) places."""
-    sides = ((0, 1, 5, 4, 8, 17, 12, 16), (1, 2, 6, 5, 9, 18, 13, 17), (2, 3, 7, 6, 10, 19, 14, 18), (3, 0, 4, 7, 11, 16, 15, 19))
+    sides = (
+        (0, 1, 5, 4, 8, 17, 12, 16),
+        (1, 2, 6, 5, 9, 18, 13, 17),
+        (2, 3, 7, 6, 10, 19, 14, 18),
+        (3, 0, 4, 7, 11, 16, 15, 19),
+    )
     table = np.concatenate([box.cells[:, side] for side in sides])
     return table[np.isin(table, np.flatnonzero(where(box.points))).all(axis=1)]
 
@@ -143,7 +157,12 @@ def two_cubes(folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr
     deck, _, _ = cubes("C3D8", 0.0, "", "", "", comma=",")
     lines = deck.text.partition("*MATERIAL")[0]
     words = [line.split(", ") for line in lines.splitlines()]
-    lifted = [f"{line[0]}, {line[1]}, {line[2]}, {float(line[3]) + gap * (int(line[0]) > 8)}" if len(line) == 4 and "." not in line[0] and line[0].isdigit() else ", ".join(line) for line in words]
+    lifted = [
+        f"{line[0]}, {line[1]}, {line[2]}, {float(line[3]) + gap * (int(line[0]) > 8)}"
+        if len(line) == 4 and "." not in line[0] and line[0].isdigit()
+        else ", ".join(line)
+        for line in words
+    ]
     path = folder / "two_cubes.inp"
     path.write_text("\n".join([*lifted, *more.split("/"), ""]))
     scene = hhr.Scene(
@@ -169,7 +188,14 @@ PASSED = {
 }
 CASES: tuple[Case, ...] = (
     *(
-        Case(f"press fit, {name}", "CAX4, friction", partial(push_off, name), "push-off force over mu N", 1.0, within=0.005)
+        Case(
+            f"press fit, {name}",
+            "CAX4, friction",
+            partial(push_off, name),
+            "push-off force over mu N",
+            1.0,
+            within=0.005,
+        )
         for name in PAIRINGS
     ),
     *(
@@ -177,8 +203,15 @@ CASES: tuple[Case, ...] = (
         for ending in (".msh", ".mail")
     ),
     *(
-        Case(f"case A9, {name}", "C3D8", partial(two_cubes, more=more), "pressure", 10.0) for name, more in PASSED.items()
+        Case(f"case A9, {name}", "C3D8", partial(two_cubes, more=more), "pressure", 10.0)
+        for name, more in PASSED.items()
     ),
     Case("case A10, commas", "C3D8", two_cubes, "pressure", 10.0),
-    Case("case A1, gap wider than a cell", "C3D8, mortar", partial(two_cubes, gap=1.5, pairing=hhr.Mortar), "pressure", 10.0),
+    Case(
+        "case A1, gap wider than a cell",
+        "C3D8, mortar",
+        partial(two_cubes, gap=1.5, pairing=hhr.Mortar),
+        "pressure",
+        10.0,
+    ),
 )

@@ -1,4 +1,4 @@
-"""Small decks of CalculiX: boxes of cells, also bent into rings or arcs, with sets, surfaces and the blocks after them."""
+"""Small decks of CalculiX: boxes of cells, also bent into rings or arcs, with sets, surfaces and other blocks."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class Writer:
         points = np.hstack([grid, np.zeros((len(grid), 3 - dim))])
         numbers = self.nodes + 1 + np.arange(len(points))
         bent = points if bend is None else bend(points)
-        self.text += f"*NODE, NSET=NALL\n"
+        self.text += "*NODE, NSET=NALL\n"
         self.text += "".join(f"{n}, {x:.12g}, {y:.12g}, {z:.12g}\n" for n, (x, y, z) in zip(numbers, bent, strict=True))
         self.text += f"*ELEMENT, TYPE={kind}, ELSET={elset}\n"
         for row, cell in enumerate(numbers[cells], self.elements + 1):

@@ -122,7 +122,7 @@ def run_case(case: deck_cases.Case, folder: Path) -> dict[str, Any]:
         ours = case.run(folder)
     except HHRError as error:
         said = f"error: {error}".replace("\n", " ")
-    except Exception as error:  # noqa: BLE001  # what else comes is the finding
+    except Exception as error:  # what else comes is the finding
         said = f"FOREIGN {type(error).__name__}: {error}"
     minutes = (time.perf_counter() - begin) / 60
     found = {"source": case.source, "kind": case.kind, "minutes": minutes, "outcome": judged(case, ours, said)}
@@ -146,10 +146,14 @@ def main() -> None:
             continue
         deck = isinstance(entry, Entry)
         rows.append(run(entry, folder, options.again) if deck else run_case(entry, folder))
-        options.console.print(*(rows[-1].get(name, "") for name in ("source", "ours", "calculix", "outcome")), markup=False)
+        options.console.print(
+            *(rows[-1].get(name, "") for name in ("source", "ours", "calculix", "outcome")), markup=False
+        )
     table = Table("source", "kind", "minutes", "quantity", "reference", "ours", "outcome")
     for row in rows:
-        shown = [f"{row[name]:.4g}" if isinstance(row[name], float) else "" for name in ("minutes", "reference", "ours")]
+        shown = [
+            f"{row[name]:.4g}" if isinstance(row[name], float) else "" for name in ("minutes", "reference", "ours")
+        ]
         table.add_row(row["source"], row["kind"], shown[0], row["quantity"], *shown[1:], row["outcome"])
     options.console.print(table)
     first = [row["minutes"] for row in rows if row.get("started") and row["outcome"] == "right"]
