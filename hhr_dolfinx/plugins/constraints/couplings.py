@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.linalg import qr
@@ -63,8 +62,8 @@ class RigidMotion:
         follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
         dofs = (dim * nodes[:, None] + coupled).ravel()
         count = rest.size
-        entries: list[Any] = [(np.ones(count), np.arange(count), dofs[rest])]
-        entries += [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]
+        leads = [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]
+        entries = [(np.ones(count), np.arange(count), dofs[rest]), *leads]
         return equations_of(entries, dofs[rest], assembler.size, loose=True)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Section
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 _READ = OF_MATERIALS | frozenset(
     "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
@@ -76,14 +77,31 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, nodes, state, left) or whole.out_of_reach(supports)
+    pairs = pairs_of(found, parts, nodes, state, left) or _out_of_reach(whole, parts, supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    return Deck(path, hypothesis, tuple(sections), tuple(supports), tuple(loads), tuple(pairs), order, seconds,
-                tuple(constraints), tuple(name for _, name in cuts))  # fmt: skip
+    return Deck(
+        path,
+        hypothesis,
+        tuple(sections),
+        tuple(supports),
+        tuple(loads),
+        tuple(pairs),
+        order,
+        seconds,
+        tuple(constraints),
+        tuple(name for _, name in cuts),
+    )
+
+
+def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
+    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface."""
+    pairs = whole.out_of_reach(supports)
+    unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
+    return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:

@@ -51,7 +51,7 @@ def _couplings(
 ) -> list[Coupling]:
     """Couplings of a deck; those without counterpart are left."""
     couplings = []
-    taken: set[int] = set()
+    pilots: set[int] = set()
     for block, after in zip(found, [*found[1:], None], strict=True):
         if block.keyword not in KINDS or (block.keyword == "RIGID BODY" and _without_cells(block, parts)):
             continue
@@ -59,9 +59,9 @@ def _couplings(
         if isinstance(made, Coupling) and made.rigid and hypothesis == "axisymmetric":
             made = "no counterpart: a rigid coupling in axisymmetry"
         own = {number for number, _ in made.ways} if isinstance(made, Coupling) else set()
-        if own & taken:
+        if own & pilots:
             made = "its reference node has another coupling too"
-        taken |= own
+        pilots |= own
         if isinstance(made, str):
             left.append(block.left(made))
             continue
@@ -81,7 +81,7 @@ def _without_cells(block: Block, parts: NamedParts) -> bool:
 def _coupling(
     found: Sequence[Block], block: Block, after: Block | None, parts: NamedParts, nodes: DeckNodes
 ) -> Coupling | str:
-    """Coupling of a block, or the reason why there is none."""
+    """Coupling of a block, or the reason why it has no counterpart."""
     if "ORIENTATION" in block.options:
         return "no counterpart: local axes (ORIENTATION)"
     dim = parts.raw.dim
@@ -208,7 +208,8 @@ def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> Loa
     dim = 3 if one.point is None else len(one.point)
     turns = component >= dim
     if item.block.keyword == "BOUNDARY":
-        return Load("turn" if turns else "displacement", one.text("MeanMotion", component, "{}"), item.factor,
-                    item.block.source)  # fmt: skip
+        return Load(
+            "turn" if turns else "displacement", one.text("MeanMotion", component, "{}"), item.factor, item.block.source
+        )
     text = one.text("CoupledForce", component, "{}")
     return Load("moment" if turns else "force", text, item.factor / thickness, item.block.source)

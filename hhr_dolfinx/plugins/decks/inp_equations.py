@@ -96,7 +96,7 @@ class Equations:
         return self._placed(block, found, sets)
 
     def _motion(self, node: int, component: int) -> Combination:
-        """What is known of a displacement of a node without cells: its support, its equation, or nothing."""
+        """A displacement of a node without cells by its support or its equation, or as an unknown."""
         for item in self.state:
             held = item.block.keyword == "BOUNDARY" and item.component == component
             if held and node in self.nodes.numbers(item.row[0]):
@@ -171,9 +171,9 @@ def equations_of(
     kept: list[Imposed] = []
     forces: list[Load] = []
     for item in state:
-        moved = equations.forces(item)
-        if moved is not None:
-            for place, component, value in moved:
+        own = equations.forces(item)
+        if own is not None:
+            for place, component, value in own:
                 unit = tuple(float(k == component) for k in range(parts.raw.dim))
                 text = f"hhr.NodalForce({place!r}, {unit!r}, {{}})"
                 forces += [Load("force", text, value / thickness, item.block.source)] if value else []

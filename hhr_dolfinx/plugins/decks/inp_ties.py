@@ -28,7 +28,7 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
         for row in block.rows:
             names = [word for word in row if word][:2]
             if len(names) < 2 or {"MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"} & block.options.keys():
-                left.append(block.left("no counterpart: it is no tie of two surfaces"))
+                left.append(block.left("no counterpart: a tie of two surfaces is read"))
             elif "CYCLIC SYMMETRY" in block.options:
                 own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]
                 text = _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
@@ -46,7 +46,7 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
 
 
 def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
-    """Text of a periodic pair of surfaces, or the reason why there is none."""
+    """Text of a periodic pair of surfaces, or the reason why it has no counterpart."""
     places = [parts.place(name) for name in names]
     follower, leader = places
     if follower is None or leader is None:
@@ -57,7 +57,7 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
     axis = int(np.abs(along).argmax())
     off = np.delete(ends, axis, axis=1)
     if not along.any() or np.abs(off).max() > ALIKE * np.abs(along).max() or (dim == 2 and axis != 2):
-        return "its axis is none of the axes of the mesh through the origin"
+        return "its axis is not an axis of the mesh through the origin"
     own, other = (parts.raw.points[parts.nodes(place)] for place in (follower, leader))
     size = np.ptp(parts.raw.points, axis=0).max()
     for sign in (1.0, -1.0):

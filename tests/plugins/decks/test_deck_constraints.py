@@ -89,6 +89,22 @@ def test_a_preloaded_bar(step, moved, tmp_path):
     assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
 
 
+def test_a_preloaded_bar_without_other_surfaces(tmp_path):
+    """Its section is the surface of the plane out of reach."""
+    text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    lines = text.splitlines()
+    kept = [line for line in lines if not line.startswith("*SURFACE") and not line.endswith((", S1", ", S2"))]
+    # no set has a whole side either
+    held = "1, 1\n6, 1\n11, 1\n16, 1\n5, 1\n10, 1\n15, 1\n20, 1\n1, 2\n5, 2\n1, 3\n5, 3\n10, 3"
+    first = kept.index("*NSET, NSET=BAR_X0")
+    last = kept.index("*MATERIAL, NAME=STEEL")
+    text = "\n".join(kept[:first] + kept[last:]).replace("BAR_X0, 1\nBAR_X1, 1\nBAR_Y0, 2\nbar_z0, 3", held)
+    section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    assert "TODO" not in output
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
+
+
 def tied(step="*CLOAD\nUPPER_X1, 1, 0.1\nUPPER_Z1, 3, 0.1"):
     """Two unit cubes with meshes that do not match, tied one on the other."""
     text = blocks(step, upper=(3, 3, 2))
@@ -150,7 +166,7 @@ def test_what_cannot_be_is_left(tmp_path):
         "*RIGID BODY: it has no nodes",
         "*MPC: no counterpart: PLANE",
     ):
-        assert words in output  # fmt: skip
+        assert words in output
 
 
 ARC = (
