@@ -404,13 +404,13 @@ def hertz(kind: str, radius: float = 50.0, push: float = 0.4) -> str:
         turn, depth = points[:, 0] ** 1.5 * np.pi / 2, points[:, 1]
         there = np.stack([radius * np.sin(turn), radius * (1 - np.cos(turn)), points[:, 2]], axis=1)
         middle = np.stack([points[:, 0] * radius, np.full_like(turn, radius), points[:, 2]], axis=1)
-        return there + depth[:, None] ** 1.5 * (middle - there)
+        return there + depth[:, None] ** 2 * (middle - there)
 
     def block(points: np.ndarray) -> np.ndarray:
-        return np.stack([60 * points[:, 0] ** 1.6, -60 * (1 - points[:, 1]) ** 1.6, points[:, 2]], axis=1)
+        return np.stack([60 * points[:, 0] ** 1.6, -60 * (1 - points[:, 1]) ** 2, points[:, 2]], axis=1)
 
-    up = deck.box("EALL", kind, (70, 20), (0, 0), (1, 1), arcs)
-    low = deck.box("EALL", kind, (96, 20), (0, 0), (1, 1), block)
+    up = deck.box("EALL", kind, (50, 20), (0, 0), (1, 1), arcs)
+    low = deck.box("EALL", kind, (60, 20), (0, 0), (1, 1), block)
     deck.surface("SCYL", up.faces(at(1, 0)))
     deck.surface("SBLK", low.faces(at(1, 1)))
     deck.nset("X0", [*up.nodes(at(0, 0)), *low.nodes(at(0, 0))])
@@ -448,7 +448,7 @@ def leaf_spring(count: int = 6, kind: str = "C3D20") -> str:
     return deck.text
 
 
-def plate_of_nafems(radial: int = 8, around: int = 14) -> tuple[Writer, Box]:
+def plate_of_nafems(radial: int = 6, around: int = 8) -> tuple[Writer, Box]:
     """NAFEMS LE10, a quarter of a thick elliptic plate: supports, the node MID of its outer face, and LID."""
 
     def ellipses(points: np.ndarray) -> np.ndarray:
@@ -457,7 +457,7 @@ def plate_of_nafems(radial: int = 8, around: int = 14) -> tuple[Writer, Box]:
         return np.stack([wide * np.cos(turn), high * np.sin(turn), z], axis=1)
 
     deck = Writer()
-    plate = deck.box("PLATE", "C3D20", (radial, around, 2), (0, 0, 0), (1, np.pi / 2, 0.6), ellipses)
+    plate = deck.box("PLATE", "C3D20", (radial, around, 4), (0, 0, 0), (1, np.pi / 2, 0.6), ellipses)
     deck.surface("LID", plate.faces(at(2, 0.6)))
     deck.nset("YSYM", plate.nodes(at(1, 0)))
     deck.nset("XSYM", plate.nodes(at(1, np.pi / 2)))
