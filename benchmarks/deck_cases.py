@@ -11,7 +11,7 @@ from typing import Any
 import meshio
 import numpy as np
 from deck_entries import Answer, cubes, plate_of_nafems, stress_at_d
-from deck_writer import Box, Where, Writer, at
+from deck_writer import Box, Where, Writer, at, both
 
 import hhr_dolfinx as hhr
 
@@ -53,15 +53,19 @@ def push_off(name: str, folder: Path) -> float:
     path = folder / f"push_off_{name.replace(' ', '_')}.inp"
     path.write_text(deck.text)
     scene = hhr.Scene(
-        "push_off", hhr.MeshFile(path), "axisymmetric",
-        (hhr.Body("SHAFT", 210e3, 0.3), hhr.Body("HUB", 210e3, 0.3)), (pairing("BORE", "OUTSIDE", friction=FRICTION),),
+        "push_off",
+        hhr.MeshFile(path),
+        "axisymmetric",
+        (hhr.Body("SHAFT", 210e3, 0.3), hhr.Body("HUB", 210e3, 0.3)),
+        (pairing("BORE", "OUTSIDE", friction=FRICTION),),
         hhr.ParameterSpace(("fit", "push"), (0.0, 0.0), (0.002, 0.02)),
         displacements=(hhr.Displacement("FOOT", 1), hhr.Displacement("HEAD", 1, "push")),
         openings=(hhr.Opening(0, hhr.Amplitude(slopes={"fit": -1.0})),),
         outputs=(
-            hhr.FrictionForce("friction", 0, direction=(0.0, 1.0)), hhr.ContactForce("normal", 0, direction=(1.0, 0.0)),
+            hhr.FrictionForce("friction", 0, direction=(0.0, 1.0)),
+            hhr.ContactForce("normal", 0, direction=(1.0, 0.0)),
         ),
-    )  # fmt: skip
+    )
     found = hhr.FullOrderModel(scene).solve({"fit": 0.001, "push": 0.02}).outputs()
     return -found["friction"] / (FRICTION * found["normal"])
 
@@ -127,14 +131,21 @@ def le10(ending: str, folder: Path) -> float:
             path, file_format="gmsh22", binary=False
         )
     scene = hhr.Scene(
-        "le10", hhr.MeshFile(path), "solid", (hhr.Body("PLATE", 210e3, 0.3),),
-        (hhr.Obstacle("LID", (0.0, 0.0, 1.0), 50.0),), hhr.ParameterSpace(("p",), (0.0,), (2.0,)),
+        "le10",
+        hhr.MeshFile(path),
+        "solid",
+        (hhr.Body("PLATE", 210e3, 0.3),),
+        (hhr.Obstacle("LID", (0.0, 0.0, 1.0), 50.0),),
+        hhr.ParameterSpace(("p",), (0.0,), (2.0,)),
         displacements=(
-            hhr.Displacement("YSYM", 1), hhr.Displacement("XSYM", 0), hhr.Displacement("RIM", 0),
-            hhr.Displacement("RIM", 1), hhr.Displacement("MID", 2),
+            hhr.Displacement("YSYM", 1),
+            hhr.Displacement("XSYM", 0),
+            hhr.Displacement("RIM", 0),
+            hhr.Displacement("RIM", 1),
+            hhr.Displacement("MID", 2),
         ),
         loads=(hhr.Pressure("LID", "p"),),
-    )  # fmt: skip
+    )
     full = hhr.FullOrderModel(scene)
     moved = full.solve(1.0).displacement().reshape(-1, 3)
     return stress_at_d(Answer(path, {}, full.problem.points, moved))
@@ -166,15 +177,113 @@ def two_cubes(folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr
     path = folder / "two_cubes.inp"
     path.write_text("\n".join([*lifted, *more.split("/"), ""]))
     scene = hhr.Scene(
-        "two_cubes", hhr.MeshFile(path), "solid", (hhr.Body("EALL", 1e3, 0.0),), (pairing("SLAVE", "MASTER"),),
+        "two_cubes",
+        hhr.MeshFile(path),
+        "solid",
+        (hhr.Body("EALL", 1e3, 0.0),),
+        (pairing("SLAVE", "MASTER"),),
         hhr.ParameterSpace(("down",), (0.0,), (2 * gap + 0.05,)),
         displacements=(
-            *hhr.Displacement.clamp("BOTTOM", 3), *hhr.Displacement.clamp("TOP", 2),
+            *hhr.Displacement.clamp("BOTTOM", 3),
+            *hhr.Displacement.clamp("TOP", 2),
             hhr.Displacement("TOP", 2, hhr.Amplitude(slopes={"down": -1.0})),
         ),
         outputs=(hhr.LargestPressure("pressure", contact=0),),
-    )  # fmt: skip
+    )
     return hhr.FullOrderModel(scene).solve(gap + 0.02).outputs()["pressure"]
+
+
+def _scene(path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *parts: Any, **more: Any) -> Any:
+    """Outputs at a point of parameters; bodies by name with nu = 0.3, or 0 in the plane."""
+    names, point, outputs = more["names"], more["point"], more["outputs"]
+    poisson = 0.3 if hypothesis == "solid" else 0.0
+    bodies = tuple(hhr.Body(tag, young, poisson) for tag, young in tags.items())
+    space = hhr.ParameterSpace(names, (0.0,) * len(names), tuple(2 * value for value in point))
+    given = hhr.Scene(
+        "case",
+        hhr.MeshFile(path),
+        hypothesis,
+        bodies,
+        (contact,),
+        space,
+        displacements=parts,
+        loads=more.get("loads", ()),
+        outputs=outputs,
+    )
+    return hhr.FullOrderModel(given).solve(point).outputs()
+
+
+def whole_outsides(pairing: Any, folder: Path) -> float:
+    """Force between two unit squares, .01 apart, closed by .03; surfaces are their whole outsides: 10."""
+    deck = Writer()
+    low = deck.box("LOWER", "CPE4", (4, 4), (0, 0), (1, 1))
+    up = deck.box("UPPER", "CPE4", (4, 4), (0, 1.01), (1, 2.01))
+    for name, box, bottom in (("LOW", low, 0.0), ("UP", up, 1.01)):
+        sides = [at(0, 0), at(0, 1), at(1, bottom), at(1, bottom + 1)]
+        deck.surface(f"ALL{name}", [face for side in sides for face in box.faces(side)])
+    deck.surface("FLOOR", low.faces(at(1, 0)))
+    deck.surface("LID", up.faces(at(1, 2.01)))
+    path = folder / "outsides.inp"
+    path.write_text(deck.text)
+    held = (*hhr.Displacement.clamp("FLOOR", 2), hhr.Displacement("LID", 0), hhr.Displacement("LID", 1, "-down"))
+    force = (hhr.ContactForce("force", 0, direction=(0.0, 1.0)),)
+    bodies = {"LOWER": 1e3, "UPPER": 1e3}
+    found = _scene(
+        path, "plane_strain", bodies, pairing("ALLUP", "ALLLOW"), *held, names=("down",), point=(0.03,), outputs=force
+    )
+    return found["force"]
+
+
+def lines_of_supports(folder: Path) -> float:
+    """Force of a floor .01 below a beam of four cubes on two lines of nodes and two pins."""
+    deck = Writer()
+    beam = deck.box("BEAM", "C3D8", (4, 1, 1), (0, 0, 0), (4, 1, 1))
+    lines = {
+        name: beam.nodes(lambda points, x=x: at(0, x)(points) & at(2, 0)(points)) for name, x in (("L", 0), ("R", 4))
+    }
+    first = beam.nodes(lambda points: np.isin(points[:, 0], (0.0, 4.0)) & at(1, 0)(points) & at(2, 0)(points))
+    for name, nodes in (*lines.items(), ("PIN", first[:1]), ("PINS", first)):
+        deck.nset(name, nodes)
+    deck.surface("BELLY", beam.faces(at(2, 0)))
+    deck.surface("LID", beam.faces(at(2, 1)))
+    path = folder / "lines.inp"
+    path.write_text(deck.text)
+    places = (("L", 2), ("R", 2), ("PIN", 0), ("PINS", 1))
+    found = _scene(
+        path,
+        "solid",
+        {"BEAM": 1e3},
+        hhr.Obstacle("BELLY", (0, 0, -1), 0.01),
+        *(hhr.Displacement(*one) for one in places),
+        names=("push",),
+        point=(5.0,),
+        loads=(hhr.Pressure("LID", "push"),),
+        outputs=(hhr.ContactForce("force", 0, direction=(0.0, 0.0, 1.0)),),
+    )
+    return found["force"]
+
+
+def imposed_on_both(folder: Path) -> float:
+    """Friction over mu N of a block that slips on a floor, its left side moved as well, corner included."""
+    deck = Writer()
+    block = deck.box("BLOCK", "CPE4", (4, 1), (0, 0), (4, 1))
+    for name, where in (("FOOT", at(1, 0)), ("LID", at(1, 1)), ("LEFT", at(0, 0))):
+        deck.surface(name, block.faces(where))
+    path = folder / "slips.inp"
+    path.write_text(deck.text)
+    moved = [hhr.Displacement("LID", 1, "-down"), *(hhr.Displacement(tag, 0, "slip") for tag in ("LID", "LEFT"))]
+    directions = {"normal": (0.0, 1.0), "friction": (1.0, 0.0)}
+    found = _scene(
+        path,
+        "plane_strain",
+        {"BLOCK": 1e3},
+        hhr.Obstacle("FOOT", (0, -1), 0.0, friction=FRICTION),
+        *moved,
+        names=("down", "slip"),
+        point=(0.01, 0.05),
+        outputs=tuple(hhr.ContactForce(name, 0, direction=way) for name, way in directions.items()),
+    )
+    return abs(found["friction"]) / (FRICTION * found["normal"])
 
 
 TOOL = "*NODE/100, 0., 0., 9./101, 1., 0., 9./102, 1., 1., 9./103, 0., 1., 9./"
@@ -214,4 +323,10 @@ CASES: tuple[Case, ...] = (
         "pressure",
         10.0,
     ),
+    *(
+        Case(f"case A5, {pairing.__name__}", "CPE4, whole outsides", partial(whole_outsides, pairing), "force", 10.0)
+        for pairing in (hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar)
+    ),
+    Case("case A7, lines and nodes", "C3D8", lines_of_supports, "force", 13.3106, "own elements and active set"),
+    Case("case B1, both sides imposed", "CPE4, friction", imposed_on_both, "friction over mu N", 1.0),
 )
