@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -95,6 +95,10 @@ laws: setup
 # errors and times of condensed models on unseen load paths, twenty minutes on an idle core
 paths: setup
 	.venv/bin/python benchmarks/unseen_paths.py --report report.json
+
+# small decks of strangers: hhr start, check and solve as they are, beside CalculiX and closed forms; eight minutes
+decks: setup
+	.venv/bin/python benchmarks/decks.py
 
 extreme: setup
 	.venv/bin/python benchmarks/extreme_cases.py

@@ -136,7 +136,13 @@ def _sections(
             thickness = block.number(block.rows[0][0])
         sections.append(Section(tag, materials[name.upper()], block.source))
     if not sections:
-        raise SceneError(f"{found[0].file} has no *SOLID SECTION with cells of the mesh: give its bodies materials")
+        lost = [
+            parts.raw.left_out[block.word("ELSET")]
+            for block in of_kind(found, "SOLID SECTION")
+            if block.word("ELSET") in parts.raw.left_out
+        ]
+        why = "; ".join(lost) or "give its bodies materials"
+        raise SceneError(f"{found[0].file} has no *SOLID SECTION with cells of the mesh: {why}")
     if free.any():
         left.append(Left(sections[-1].source, "*SOLID SECTION", f"{int(free.sum())} cells belong to no section"))
     return sections, thickness

@@ -116,7 +116,7 @@ def _heated(
     loads = []
     for tag, material in bodies.items() if final else ():
         own = rise[np.unique(parts.raw.cells[parts.raw.bodies[tag]])]
-        if material.expansion is None or not own.any():
+        if not material.expansion or not own.any():
             continue
         if np.ptp(own) > 1e-9 * np.abs(own).max():
             left.append(final[0].block.left(f"the temperature of body '{tag}' differs in it: give a field"))

@@ -23,7 +23,9 @@ STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
 SOFT = 1e-4
 """Stiffness of a bedding that holds a loose body, over that of the body, E over its extent."""
-HELD, SYMMETRIC, PRESSED = ("fixed", "clamp"), ("symmetry",), ("pressure",)
+HELD = ("fixed", "clamp")
+SYMMETRIC = ("symmetry",)
+PRESSED = ("pressure",)
 """Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
 
 

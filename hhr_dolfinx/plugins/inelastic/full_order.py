@@ -264,7 +264,8 @@ class FullEquilibrium(MeshEquilibrium):
         internal = internal + grounded
         size = size + np.abs(grounded)
         if self._given is not None:
-            internal, size = self._given @ internal, abs(self._given) @ size
+            internal = self._given @ internal
+            size = abs(self._given) @ size
         return internal * self.problem.free, size * self.problem.free
 
     def norms(self, residual: np.ndarray) -> np.ndarray:

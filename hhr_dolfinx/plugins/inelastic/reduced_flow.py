@@ -176,10 +176,11 @@ class ReducedEquilibrium(MeshEquilibrium):
         internal, size = (part[flow.inner] for part in self.operator.internal(stress))
         if flow.springs is not None:
             grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
-            internal, size = internal + grounded, size + np.abs(grounded)
-        if self._given is not None:
-            internal, size = self._given @ internal, abs(self._given) @ size
-        return internal, size
+            internal = internal + grounded
+            size = size + np.abs(grounded)
+        if self._given is None:
+            return internal, size
+        return self._given @ internal, abs(self._given) @ size
 
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.

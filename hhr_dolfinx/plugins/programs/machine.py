@@ -117,7 +117,8 @@ def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
         elif code == SELECT:
             c = rows[row, 4]
             for k in range(count):
-                yes, no = work[b, k], work[c, k]  # both are read, so that the loop vectorises
+                yes = work[b, k]  # both are read, so that the loop vectorises
+                no = work[c, k]
                 work[to, k] = yes if work[a, k] != 0 else no
         elif code == POW:
             _powers(work[a], work[b], work[to])
