@@ -267,9 +267,11 @@ class RigidMesh(_Drawn):
     scale: Size = 1.0
 
     def _drawn(self) -> Facets:
-        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh)
+        listed = isinstance(self.mesh, tuple | list)
+        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh if listed else ())
         points, *parts = (_array(part) for part in given or ((),))
-        parts = [part.astype(np.int64) for part in parts if part.ndim == 2]
+        # a polygon of more corners would lose the others
+        parts = [part.astype(np.int64) for part in parts if part.ndim == 2 and part.shape[1] in (3, 4)]
         three = [
             part[:, corners] for part in parts for corners in ([0, 1, 2], [0, 2, 3]) if part.shape[1] > max(corners)
         ]
