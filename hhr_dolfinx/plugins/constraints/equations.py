@@ -173,7 +173,8 @@ class RigidMotion:
             raise SceneError(f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric")
         motions = rigid_motions(points, assembler.hypothesis).reshape(-1, points.size)
         dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
-        leading = _leading(motions, np.zeros(0, dtype=int), ~assembler.free[dofs])
+        free = np.ones(dofs.size, dtype=bool) if assembler.free is None else assembler.free[dofs]
+        leading = _leading(motions, np.zeros(0, dtype=int), ~free)
         leading = _leading(motions, leading, np.ones(dofs.size, dtype=bool))
         rank = leading.size
         rest = np.setdiff1d(np.arange(dofs.size), leading)

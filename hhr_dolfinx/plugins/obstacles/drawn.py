@@ -241,7 +241,7 @@ class Profile(_Drawn):
                 f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and z, and its ends "
                 "increase, between=(-1, 1)"
             )
-        places = np.linspace(*self.between, SAMPLES)
+        places = np.linspace(between[0], between[1], SAMPLES)
         with np.errstate(all="ignore"):
             values = np.broadcast_to(formula({name: places}), SAMPLES)
         if not np.isfinite(values).all():
