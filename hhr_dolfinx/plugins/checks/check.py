@@ -237,7 +237,7 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
     terms = list(chain(*parted(checked_terms(load, discretisation.assembler(load)))))
-    name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
+    name = f"{type(load).__name__} on {getattr(load, 'tag', getattr(load, 'place', 'the scene'))!r}"
     columns = [csc_matrix(term.columns) for term in terms]
     if not any(part.nnz for part in columns):
         found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
@@ -246,10 +246,11 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     theta = Amplitudes.collect(amplitudes, found.scene.parameters)
     forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
     found.forces.append((name, forces.reshape(-1, dim)))
-    still = not hasattr(load, "stiffness")  # springs act on a body though their ground does not move
-    if still and all(
-        isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes
-    ):
+    still = all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes)
+    if still and hasattr(load, "stiffness"):
+        found.say(f"{name}: a spring to a ground that does not move")
+        return
+    if still:
         found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
         return
     if all(part.shape[1] == 1 for part in columns):

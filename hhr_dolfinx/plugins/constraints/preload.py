@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -17,6 +17,9 @@ from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import check_tag
 from hhr_dolfinx.plugins.constraints.cut import OTHER
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ class BoltForce:
         check_tag("section", self.section)
         check_amplitude(self, f"the force in section {self.section!r}", formulas=True)
 
-    def check_scene(self, scene: Any) -> None:
+    def check_scene(self, scene: Scene) -> None:
         """Raise SceneError without a section that follows the force."""
         if not any(isinstance(item, ForcedSection) and item.section == self.section for item in scene.constraints):
             raise SceneError(

@@ -49,7 +49,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     """Read bodies, supports, loads and contacts of the blocks of a deck.
 
     Raises:
-        SceneError: for a deck without sections, or with a material that is not elastic, with the line.
+        SceneError: for a deck without sections or supports, or with a material that is not elastic, with the line.
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
     left = list(_ignored(found))
@@ -77,7 +77,13 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, nodes, state, left) or _out_of_reach(whole, parts, supports)
+    pairs = pairs_of(found, parts, nodes, state, left)
+    if not (pairs or supports or constraints):
+        raise SceneError(
+            f"{path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: hold them "
+            "by *BOUNDARY" + "".join(f". {item}" for item in left)
+        )
+    pairs = pairs or _out_of_reach(whole, parts, supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))

@@ -79,15 +79,20 @@ class Imposed:
 
 
 def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
-    """Supports and loads that act at the end of the last step; rows of later steps replace those of the same place."""
-    state: dict[tuple[str, str, object], Imposed] = {}
+    """Supports and loads that act at the end of the last step.
+
+    Rows of later steps replace those of the same place; loads of one step add up, and of supports the last one holds.
+    """
+    state: dict[tuple[str, str, object], list[Imposed]] = {}
     curves = {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
     end = 0.0
     period = 1.0
     seen: set[str] = set()
+    of_step: set[tuple[str, str, object]] = set()
     for number, block in enumerate(found):
         if block.keyword == "STEP":
             seen = set()
+            of_step = set()
             period = next(map(period_of, of_kind(found[number:], "STATIC", "VISCO")), 1.0)
             end += period
         if block.keyword not in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE"):
@@ -99,14 +104,20 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
         for row in block.rows:
             for detail, item in _rows(block, row, factor):
                 key = (block.keyword, row[0].upper(), detail)
-                state.pop(key, None)
-                state[key] = item
-    return tuple(state.values())
+                before = state.pop(key, [])
+                adds = key in of_step and block.keyword in ("CLOAD", "DLOAD", "DSLOAD")
+                state[key] = [*before, item] if adds else [item]
+                of_step.add(key)
+    return tuple(item for items in state.values() for item in items)
 
 
 def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
     """Supports and loads by the names of their nodes: the reader gives rows by numbers with the same load one name."""
-    return tuple({(item.place, item.component, *item.row[1:]): item for item in state}.values())
+    named = {
+        (item.place, item.component, *item.row[1:], id(item) if item.place == item.row[0] else 0): item
+        for item in state
+    }
+    return tuple(named.values())
 
 
 def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:
@@ -129,7 +140,8 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
     place = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
-        detail = word if block.keyword in ("DLOAD", "DSLOAD") else component
+        detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
+        detail = (word, *map(float, block.numbers(row, 3))) if word == "GRAV" else detail
         yield detail, Imposed(block, row, place, component, factor * value)
 
 

@@ -241,7 +241,7 @@ class Profile(_Drawn):
                 f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and z, and its ends "
                 "increase, between=(-1, 1)"
             )
-        places = np.linspace(*self.between, SAMPLES)
+        places = np.linspace(between[0], between[1], SAMPLES)
         with np.errstate(all="ignore"):
             values = np.broadcast_to(formula({name: places}), SAMPLES)
         if not np.isfinite(values).all():
@@ -267,9 +267,11 @@ class RigidMesh(_Drawn):
     scale: Size = 1.0
 
     def _drawn(self) -> Facets:
-        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh)
+        listed = isinstance(self.mesh, tuple | list)
+        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh if listed else ())
         points, *parts = (_array(part) for part in given or ((),))
-        parts = [part.astype(np.int64) for part in parts if part.ndim == 2]
+        # a polygon of more corners would lose the others
+        parts = [part.astype(np.int64) for part in parts if part.ndim == 2 and part.shape[1] in (3, 4)]
         three = [
             part[:, corners] for part in parts for corners in ([0, 1, 2], [0, 2, 3]) if part.shape[1] > max(corners)
         ]

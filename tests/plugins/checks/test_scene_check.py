@@ -260,3 +260,13 @@ def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     space = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 1.0),), units=hhr.Units("mm", "MPa"))
     figure_of_scene(check_scene(space)).savefig(tmp_path / "space.png")
     assert min((tmp_path / name).stat().st_size for name in ("plane.png", "space.png")) > 10_000
+
+
+@needs("places")
+def test_a_spring_to_a_still_ground_is_no_idle_load():
+    """A load whose amplitude is 0 does nothing, but a spring resists."""
+    scene = pressed_block("plane_strain")
+    springs = hhr.Springs(block.side(0, upper=True), 0, 2.0)
+    found = check_scene(replace(scene, loads=(*scene.loads, springs)))
+    assert not any("does nothing" in text for text in texts(found, OK, NOTE, MISTAKE))
+    assert f"Springs on {block.side(0, upper=True)}: a spring to a ground that does not move" in texts(found, OK)

@@ -92,6 +92,23 @@ def test_steps_and_amplitudes(time, share, tmp_path):
     assert len(scene.loads) == 2
 
 
+@pytest.mark.parametrize(
+    ("rows", "moved"),
+    [("*CLOAD\nBAR_X1, 1, 2.5\nBAR_X1, 1, 1.5", 0.064),
+     ("*CLOAD\nBAR_X1, 1, 2.5\n*CLOAD\nBAR_X1, 1, 2.5", 0.08),
+     ("*DLOAD\n4, P4, -10.\n4, P4, -5.", 0.06),
+     ("*CLOAD\nBAR_X1, 1, 2.5\n*END STEP\n*STEP\n*STATIC\n*CLOAD\nBAR_X1, 1, 1.5", 0.024),
+     ("*BOUNDARY\nBAR_X1, 1, 1, 0.1\nBAR_X1, 1, 1, 0.04", 0.04),
+     ("*DLOAD\nBAR, GRAV, 5., 1., 0., 0.\n*END STEP\n*STEP\n*STATIC\n*DLOAD\nBAR, GRAV, 2.5, -1., 0., 0.",
+      0.04)],
+)  # fmt: skip
+def test_repeated_rows(rows, moved, tmp_path):
+    """Loads of one step add up, later steps replace them, of supports the last one holds: as in CalculiX 2.20."""
+    more = "*DENSITY\n2.\n" if "GRAV" in rows else ""
+    scene, _ = started(tmp_path, bar(rows, more, 0.0 if more else 0.3))
+    assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
+
+
 @pytest.mark.parametrize(("upper", "kind"), [((3, 3, 1), hhr.Mortar), ((2, 2, 1), hhr.NodeToNode)])
 def test_pressed_blocks(upper, kind, tmp_path):
     """A pressure of 10 passes through, by names that capitals do not change."""
@@ -331,6 +348,7 @@ def test_parts_without_counterpart_are_named(tmp_path):
      (("BAR_X0, 1", "BAR_X0, all"), "'ALL' is no number of a component"),
      (("BAR_X0, 1", "BAR_X0"), "'BAR_X0' has too few words"),
      (("*CLOAD", "*CLOAD, AMPLITUDE=RISE"), "there is no amplitude 'RISE'"),
+     (("*BOUNDARY", "*BOUNDARY, OP=NEW\n*FREQUENCY"), "so its bodies are free: hold them by .BOUNDARY"),
      (("*NODE, NSET=ALL", "*NOTE"), "")],
 )  # fmt: skip
 def test_mistakes(change, why, tmp_path):

@@ -576,3 +576,9 @@ def test_a_punch_that_moves_to_other_nodes_is_said(first, said):
     with pytest.warns(PairingWarning) as found:
         hhr.FullOrderModel(scene)
     assert any("elsewhere in the box" in str(one.message) for one in found) is said
+
+
+@pytest.mark.parametrize("mesh", [None, 5, (np.eye(3).tolist() * 2, [[0, 1, 2, 3, 4]])])
+def test_a_rigid_mesh_of_something_else(mesh):
+    with pytest.raises(SceneError, match="must be a file or"):
+        hhr.RigidMesh(1, mesh=mesh)
