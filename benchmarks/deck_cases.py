@@ -11,7 +11,7 @@ from typing import Any
 import meshio
 import numpy as np
 from deck_entries import Answer, cubes, plate_of_nafems, stress_at_d
-from deck_writer import Box, Where, Writer, at, both
+from deck_writer import Box, Where, Writer, at
 
 import hhr_dolfinx as hhr
 
