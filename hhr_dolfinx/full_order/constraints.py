@@ -12,11 +12,13 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, vstack
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags, hstack, vstack
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.loose_equations import chosen
@@ -29,6 +31,8 @@ ROUND_OFF = 1e-14
 """Part of the largest coefficient of a follower up to which a coefficient is round-off."""
 BROKEN = 1e-9
 """Part of its imposed displacements by which an equation of imposed dofs alone may be off: values are formulas."""
+ALIKE = 1e-6
+"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
 TRIED = 16
 """Random points of the box, in addition to its corners, at which such equations are checked."""
 AT_ONCE = 256
@@ -108,6 +112,34 @@ def followers_of(
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
     whole = csr_matrix(follows + diags((~own).astype(float)))
     return Followers(own, whole, _groups(cell_nodes, follows, own)), terms
+
+
+def without_repeated(
+    rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray, follow: Followers, free: np.ndarray
+) -> tuple[ContactRows, np.ndarray, np.ndarray]:
+    """Conditions, their pairs, (m,), and gaps by term, (m, 1 + T), with one instead of several that are the same for V.
+
+    Such are those at both edges of a periodic surface: one bears the force of all, at their mean by areas.
+    """
+    acting = csr_matrix(follow.acting(rows.matrix) @ diags(free.astype(float)))
+    squares = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
+    touched = np.flatnonzero(abs(rows.matrix) @ follow.own.astype(float) > 0)
+    beside = coo_matrix(acting[touched] @ acting.T)
+    one = touched[beside.row]
+    other = beside.col
+    size = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(gaps).max(initial=0.0))
+    same = squares[one] + squares[other] - 2 * beside.data <= ALIKE**2 * squares[one]
+    same &= (pairs[one] == pairs[other]) & (np.abs(gaps[one] - gaps[other]).max(axis=1) <= ALIKE * size)
+    m = pairs.size
+    graph = csr_matrix((np.ones(int(same.sum())), (one[same], other[same])), shape=(m, m))
+    count, label = connected_components(graph, directed=False)
+    if count == m:
+        return rows, pairs, gaps
+    _, first, label = np.unique(label, return_index=True, return_inverse=True)
+    areas = np.bincount(label, rows.areas)
+    mean = csr_matrix((rows.areas / areas[label], (label, np.arange(m))), shape=(count, m))
+    kept = replace(rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
+    return kept, pairs[first], mean @ gaps
 
 
 def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:

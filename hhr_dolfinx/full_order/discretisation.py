@@ -190,6 +190,10 @@ class Discretisation(DiscreteSpace):
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
+        if scene.constraints:
+            from hhr_dolfinx.full_order.constraints import without_repeated
+
+            rows, pairs, gaps = without_repeated(rows, pairs, gaps, follow, free)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)

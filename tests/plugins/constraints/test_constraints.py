@@ -366,3 +366,23 @@ def test_a_mean_of_second_order_is_that_of_a_pressure():
     mean = replace(pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), order=2, hypothesis="plane_stress")
     answer = hhr.FullOrderModel(replace(mean, contacts=(hhr.Obstacle(RIGHT, (1, 0), 9.0),))).solve(0.5)
     assert answer.stress()[:, 1] == pytest.approx(-0.5 + 0 * answer.stress()[:, 1], rel=1e-9)
+
+
+@pytest.mark.parametrize("friction", [None, pytest.param(0.3, marks=needs("friction"))])
+def test_contact_up_to_the_edges_of_a_periodic_surface(friction):
+    """A strip pushed onto a plane: σ = λ + 2 μ times the strain, at its edges too, whose two nodes bear one force."""
+    held = hhr.Displacement(hhr.Nodes.near((0.0, 0.0)), 0), hhr.Displacement(BOTTOM, 1, "0.002 * p")
+    more = {} if friction is None else {"friction": friction}
+    strip = replace(
+        pressed((hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)),), loads=()),
+        displacements=held,
+        contacts=(hhr.Obstacle(TOP, (0, 1), 1.0005, **more),),
+        outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
+    )
+    expected = 100 * 0.7 / (1.3 * 0.4) * (0.002 * 0.9 - 0.0005)
+    full = hhr.FullOrderModel(strip)
+    assert full.problem.contact_areas[:4] == pytest.approx(np.full(4, 0.25))
+    for model in (full,) if friction else models(strip):
+        answer = model.solve(0.9)
+        assert answer.pressure()[:4] == pytest.approx(np.full(4, expected), rel=1e-6)
+        assert abs(answer.outputs()["force"]) == pytest.approx(expected, rel=1e-6)
