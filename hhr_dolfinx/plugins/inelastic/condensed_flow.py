@@ -211,7 +211,7 @@ class CondensedEquilibrium(Histories):
         flow = self.flow
         scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
         arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
-        rest = flow.ends, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
+        rest = flow.ends, float(np.linalg.norm(flow.tested)), np.array([flow.per_mode, flow.tested], dtype=np.float32)
         every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
         return StepModel(*every)
 

@@ -57,7 +57,7 @@ class StepModel(NamedTuple):
     coupled: np.ndarray  # P, (ell, m)
     ends: np.ndarray  # last point of each group and one, (G,)
     weight: float  # norm of ``tested``
-    single: np.ndarray  # ``per_mode`` in single precision, for Newton's matrix
+    single: np.ndarray  # ``per_mode`` and ``tested`` in single precision, for Newton's matrix, (2, ell, c n)
 
 
 class StepLoad(NamedTuple):
@@ -97,7 +97,7 @@ class Work(NamedTuple):
     strain: np.ndarray  # at ``there``, (c n,)
     stress: np.ndarray  # at ``there``, (c, n)
     memory: np.ndarray  # at ``there``, as before the step, (c + 1 + k, n)
-    slopes: np.ndarray  # dε_p/dε at ``here``, (c, c, n)
+    slopes: np.ndarray  # dε_p/dε at ``here``, (c, c, n), in single precision
     result: np.ndarray  # of the laws at each point, (n,)
     numbers: np.ndarray  # iterations and the like, see ``ITERATION``
 
@@ -108,12 +108,12 @@ class Work(NamedTuple):
         shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), modes)
         shapes |= dict.fromkeys(("forces", "slack"), conditions) | {"newton": (modes, modes)}
         shapes |= {"stress": (components, points), "memory": (memory, points)}
-        shapes |= {"slopes": (components, components, points)}
         shapes |= {"strain": components * points, "rows": (conditions, components * points)}
         shapes |= {"inverse": (conditions, conditions), "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         whole = {"order": conditions, "result": points}
         arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in whole.items()}
+        arrays |= {"slopes": np.zeros((components, components, points), dtype=np.float32)}
         return cls(**arrays, active=np.zeros(conditions, dtype=bool))
 
 
@@ -416,7 +416,7 @@ def _flowing_of(tested, slopes):
     # indices that are no sums, as loops over others do not vectorise
     parts = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
     found = np.empty(parts.shape, dtype=np.float32)
-    total = np.empty(slopes.shape[2])
+    total = np.empty(slopes.shape[2], dtype=np.float32)
     for j in range(len(found)):
         for i in range(len(slopes)):
             total[:] = 0.0
@@ -609,8 +609,8 @@ def _linearise(model, load, work, laws):
 def _add_flowing(model, work, responses, jacobian):
     """Add the plastic part of -J, by W."""
     count, ell = responses.shape
-    flowing = _flowing_of(model.tested, work.slopes)
-    direct = np.dot(flowing, model.single.T)
+    flowing = _flowing_of(model.single[1], work.slopes)
+    direct = np.dot(flowing, model.single[0].T)
     for j in range(ell):
         for k in range(model.scale.size):
             flowing[j, k] *= model.scale[k]
