@@ -85,7 +85,7 @@ def stiffness(
     return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
 
 
-def own_stiffness(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
+def stiffness_of_law(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
     """Bilinear form as :func:`stiffness` with a user-defined stress as a function of the strain, both 3x3."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx

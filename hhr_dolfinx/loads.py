@@ -39,7 +39,7 @@ class Term:
 
 @dataclass(frozen=True)
 class Assembler:
-    """Interface of the finite element model for loads; calls are collective on several ranks."""
+    """Interface of the finite element model for loads; calls are collective."""
 
     test: ufl.Argument  # UFL test function v, a vector
     # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the weight

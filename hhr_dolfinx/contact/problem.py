@@ -369,7 +369,7 @@ class ContactProblem:
         follow = self.followers
         return self.spread.matrix(follow.everywhere[self.rows]), self.spread.matrix(follow.transposed(self.rows))
 
-    def forces_of_rows(self, own: csc_matrix) -> csc_matrix:
+    def passed_on(self, own: csc_matrix) -> csc_matrix:
         """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
         return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
 
@@ -442,7 +442,7 @@ class ContactProblem:
     @property
     def drawn(self) -> csc_matrix:
         """The same forces, of which followers pass on theirs. Collective."""
-        return self.forces_of_rows(self.lifted)
+        return self.passed_on(self.lifted)
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""

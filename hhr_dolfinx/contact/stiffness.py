@@ -162,7 +162,7 @@ class SparseStiffness(Stiffness):
         self._spread = problem.spread
         self._idle = None if problem.kernel is None else problem.kernel.idle[problem.rows]
         self._follow = problem.following
-        self._acting = problem.forces_of_rows
+        self._acting = problem.passed_on
         self._components = components
         self._response = response
         self._keeps = keeps

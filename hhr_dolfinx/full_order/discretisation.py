@@ -111,7 +111,7 @@ class Discretisation(DiscreteSpace):
         for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True):
             dx = self.cells(body.tag)
             if body.stress is not None:
-                parts.append(elasticity.own_stiffness(*functions, body.stress, scene.hypothesis, dx))
+                parts.append(elasticity.stiffness_of_law(*functions, body.stress, scene.hypothesis, dx))
             elif not mean:
                 moduli = self.constant(body.young), self.constant(body.poisson)
                 parts.append(elasticity.stiffness(*functions, *moduli, scene.hypothesis, dx))

@@ -62,15 +62,15 @@ def _eliminated(
     columns = np.flatnonzero((np.diff(rest.indptr) > 0) & open_dofs)
     dense = rest[:, columns].toarray() if columns.size else np.zeros((numbers.size, 1))
     _, triangle, order = qr(dense.T, mode="economic", pivoting=True)
-    rank = int((np.abs(np.diag(triangle)) > IMPLIED).sum())
-    own = order[:rank]
-    implied = order[rank:]
+    count = int((np.abs(np.diag(triangle)) > IMPLIED).sum())
+    own = order[:count]
+    implied = order[count:]
     found = dependent.copy()
     found[numbers] = -1
-    if rank:
+    if count:
         _, _, pivots = qr(dense[own], mode="economic", pivoting=True)
-        found[numbers[own]] = columns[pivots[:rank]]
-    shares = np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T if rank else np.zeros((implied.size, 0))
+        found[numbers[own]] = columns[pivots[:count]]
+    shares = np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T if count else np.zeros((implied.size, 0))
     combined = np.zeros((implied.size, dependent.size))
     combined[np.arange(implied.size), numbers[implied]] = 1.0
     combined[:, numbers[own]] -= shares

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class BodiesWithLaws(Protocol):
     """Bodies with laws on the mesh of a scene."""
 
-    discretisation: Discretisation  # mesh and forms; each rank has the whole mesh
+    discretisation: Discretisation  # mesh and forms; each process has the whole mesh
     stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness, (N, N) each
     moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
     places: int  # number of places at which laws are evaluated
