@@ -1,6 +1,6 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It makes a :class:`ContactProblem` whose large matrices are distributed: each rank has the rows of its dofs. The Gauss
+It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs. The Gauss
 points of bodies with laws, or nearly incompressible ones, are in ``gauss_points``, which other scenes do not load.
 """
 
