@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 _READ = OF_MATERIALS | frozenset(
@@ -77,13 +78,14 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, nodes, state, left) or _out_of_reach(whole, parts, supports)
+    touching = pairs_of(found, parts, nodes, state, left)
+    pairs = touching or _out_of_reach(whole, parts, supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    return Deck(
+    deck = Deck(
         path,
         hypothesis,
         tuple(sections),
@@ -95,6 +97,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         tuple(constraints),
         tuple(name for _, name in cuts),
     )
+    return with_springs(deck, parts) if touching else deck
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:

@@ -36,7 +36,7 @@ def column(folder, end="FIXED_END", side="SYMMETRY_X"):
 def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     """The bolt is shortened and pressed, and its force is that of the pressure but for the share of the springs."""
     code, output = invoke("start", column(tmp_path, end))
-    assert code == 0 and output.count("TODO") == 1, output  # the materials
+    assert code == 0 and output.count("TODO") == 2, output  # the materials, the springs
     scene = scene_of(str(tmp_path / "column.py"))
     assert scene.geometry.sections == ("BOLT_SECTION",) and len(scene.contacts) == 1
     assert scene.parameters.names == ("preload", "pressure")
