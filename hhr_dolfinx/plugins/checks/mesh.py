@@ -122,7 +122,6 @@ def look_at_joints(found: SceneCheck) -> None:
     tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
     paired = set()  # bodies in contact, by their indices, the smaller one first
-    # ties, by what they have: no plug-in is named
     joins = [(found.meshed.assembler(one), one) for one in found.scene.constraints if hasattr(one, "slave")]
     tied = [[of.surface(tag) for tag in (one.slave, one.master)] for of, one in joins]
     for surfaces in (*(surfaces for surfaces, _ in found.pairs), *tied):

@@ -85,19 +85,9 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    deck = Deck(
-        path,
-        hypothesis,
-        tuple(sections),
-        tuple(supports),
-        tuple(loads),
-        tuple(pairs),
-        order,
-        seconds,
-        tuple(constraints),
-        tuple(name for _, name in cuts),
-    )
-    return with_springs(deck, parts) if touching else deck
+    names = tuple(name for _, name in cuts)
+    deck = Deck(path, hypothesis, (*sections,), (*supports,), (*loads,), pairs, order, seconds, (*constraints,), names)
+    return with_springs(deck, parts) if touching and constraints else deck
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
@@ -152,6 +142,8 @@ def _ignored(found: Sequence[Block]) -> Iterator[Left]:
         if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
         elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            yield block.left("FIXED, SUBMODEL and USER have no counterpart: its lines are read as they stand")
+            yield block.left("FIXED keeps values of earlier steps and forces of bolts; SUBMODEL and USER are ignored")
+        elif keyword == "CONTACT PAIR" and "ADJUST" in block.options:
+            yield block.left("ADJUST moves no nodes here: gaps and overlaps are those of the mesh, see hhr check")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
             yield block.left(_REASONS.get(keyword, "no counterpart"))

@@ -79,7 +79,7 @@ class Imposed:
 
 
 def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
-    """Supports and loads that act at the end of the last step; rows of later steps replace those of the same place."""
+    """Supports and loads at the end of the last step: later rows of a place replace earlier ones, FIXED ones do not."""
     state: dict[tuple[str, str, object], Imposed] = {}
     curves = {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
     end = 0.0
@@ -99,8 +99,9 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
         for row in block.rows:
             for detail, item in _rows(block, row, factor):
                 key = (block.keyword, row[0].upper(), detail)
-                state.pop(key, None)
-                state[key] = item
+                if key not in state or "FIXED" not in block.options:
+                    state.pop(key, None)
+                    state[key] = item
     return tuple(state.values())
 
 

@@ -53,7 +53,7 @@ def template(path: Path, parts: NamedParts) -> Deck:
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs),
         left=tuple(left),
     )
-    return with_springs(deck, parts)
+    return with_springs(deck, parts) if bolts else deck
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:
@@ -98,8 +98,6 @@ def _by_places(
 
 def with_springs(deck: Deck, parts: NamedParts) -> Deck:
     """Add soft springs along components that neither supports nor constraints hold: equations admit no free body."""
-    if not deck.constraints:
-        return deck
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     supports = [(item.place, item.component) for item in deck.supports]
     for names, text in ((parts.named_in(item.text), item.text) for item in deck.constraints):
@@ -151,7 +149,9 @@ def _pieces(parts: NamedParts) -> dict[Tag, int]:
         for name in names or parts.surfaces
         if (parts.owners(name) >= 0).all()
     }
-    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1}
+    # gmsh writes a surface by its number, then by the name of its group: the last of equal ones counts
+    last = {tuple(parts.nodes(name).tolist()): name for name in of}.values()
+    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1 and name in last}
 
 
 def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]]:

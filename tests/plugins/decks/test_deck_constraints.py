@@ -90,6 +90,19 @@ def test_a_preloaded_bar(step, moved, tmp_path):
     assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
 
 
+FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
+
+
+@pytest.mark.parametrize("first", ["*BOUNDARY\n903, 1, 1, 0.02", "*CLOAD\n903, 1, 5."])
+def test_a_fixed_bolt_keeps_its_preload(first, tmp_path):
+    """The second step of most decks of bolts: the stress stays 5, not that of a bolt that was never drawn."""
+    text = bar(f"{first}\n{FIXED}").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section, 1))
+    assert "FIXED keeps" in output
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
+
+
 def test_a_preloaded_bar_without_other_surfaces(tmp_path):
     """Its section is the surface of the plane out of reach."""
     text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
@@ -221,7 +234,7 @@ def test_a_curved_tool_presses_a_node(tool, tmp_path):
     text += (
         "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*SURFACE, NAME=LID\n1, S3\n2, S3\n"
         + tool
-        + "*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
+        + "*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
     )
     text += "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
     scene, output = started(tmp_path, text)

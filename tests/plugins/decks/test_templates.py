@@ -60,6 +60,17 @@ def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     assert full.solve([0.003, 0.0]).outputs()["force 0"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_two_names_of_a_surface_give_one_pair(tmp_path):
+    """Gmsh writes each surface as SurfaceN, too: the name of the user counts, and conditions are not there twice."""
+    path = column(tmp_path)
+    more = "*SURFACE, NAME=Surface7\n3, S2\n*SURFACE, NAME=Surface9\n5, S1\n*SURFACE, NAME"
+    path.write_text(path.read_text().replace("*SURFACE, NAME", more, 1))
+    assert invoke("start", path)[0] == 0
+    assert [(pair.first, pair.second) for pair in scene_of(str(tmp_path / "column.py")).contacts] == [
+        ("TOP", "CAP_FOOT")
+    ]
+
+
 def test_an_inclined_plane_of_symmetry_is_left(tmp_path):
     path = column(tmp_path, side="SYMMETRY_TURNED")
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
