@@ -93,7 +93,7 @@ def find(kind: str, name: str) -> Any:
         return _entry([point for point in others if point.name == name])
     known = sorted({*OWN[kind], *of_plugins, *others.names})
     near = difflib.get_close_matches(name, known, n=1)
-    hint = f" Is '{near[0]}' meant?" if near else ""
+    hint = f" Is '{near[0]}' meant?" if near else " A mesh or a deck needs: hhr start FILE." * Path(path).is_file()
     raise SceneError(
         f"none of the {kind} is called '{name}'.{hint} Known are {', '.join(known) or 'none'}; besides, what a file "
         f"has ('my_file.py:name'), and entry points 'hhr_dolfinx.{kind}' of other packages"

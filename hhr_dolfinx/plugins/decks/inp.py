@@ -98,7 +98,7 @@ def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Suppo
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
-    """That of the first elements of the plane; others are left."""
+    """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"
     kinds = [(_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")]
@@ -110,7 +110,7 @@ def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> 
 def _sections(
     found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, left: list[Left]
 ) -> tuple[list[Section], float]:
-    """Bodies, and the thickness of plane ones."""
+    """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
     sections = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
@@ -136,7 +136,7 @@ def _sections(
 
 
 def _ignored(found: Sequence[Block]) -> Iterator[Left]:
-    """Blocks without counterpart."""
+    """Blocks, or options of blocks, without counterpart."""
     for block in found:
         keyword = block.keyword
         if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":

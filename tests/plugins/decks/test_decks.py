@@ -357,6 +357,12 @@ def test_words_without_effect_are_named(change, why, tmp_path):
     assert output.count("TODO") == 1 and why in output
 
 
+def test_a_deck_is_no_scene(tmp_path):
+    (tmp_path / "deck.inp").write_text(bar("*CLOAD\nBAR_X1, 1, 2.5"))
+    code, output = invoke("solve", tmp_path / "deck.inp")
+    assert code == 3 and "hhr start FILE" in output
+
+
 def test_a_file_that_is_there_stays(tmp_path):
     (tmp_path / "deck.inp").write_text(bar("*CLOAD\nBAR_X1, 1, 2.5"))
     (tmp_path / "deck.py").write_text("mine")
