@@ -136,8 +136,9 @@ def test_a_tie(tmp_path):
 
 
 @needs("checks")
-def test_soft_springs_hold_what_contact_alone_holds(tmp_path):
+def test_soft_springs_hold_what_contact_alone_holds(tmp_path, monkeypatch):
     """A lid is pressed on tied cubes, which the tie holds: only the lid has springs, and they bear next to nothing."""
+    monkeypatch.chdir(tmp_path)  # for the picture
     lid = "\n".join(block_lines("LID", 2001, (0.0, 0.0, 2.0), (1.0, 1.0, 3.0), (3, 3, 1)))
     pair = "*SOLID SECTION, ELSET=LID, MATERIAL=STEEL\n*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\n"
     text = tied("*DSLOAD\nLID_TOP, P, 10.").replace("*MATERIAL", f"{lid}\n*MATERIAL", 1)
@@ -153,8 +154,9 @@ def test_soft_springs_hold_what_contact_alone_holds(tmp_path):
 
 
 @needs("checks")
-def test_soft_springs_hold_a_jack_that_a_force_opens(tmp_path):
+def test_soft_springs_hold_a_jack_that_a_force_opens(tmp_path, monkeypatch):
     """A column of unit area is cut, and a force of 4 presses its lower half on the cube: the contact bears it."""
+    monkeypatch.chdir(tmp_path)  # for the picture
     text = blocks("*CLOAD\n903, 1, -4.", upper=(2, 2, 2)).replace("UPPER_X0, 1\nUPPER_Y0, 2\n", "UPPER_Z1, 1, 3\n")
     section = "*SURFACE, NAME=CUT\n" + "".join(f"{1001 + k}, S2\n" for k in range(4))
     section += "*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"

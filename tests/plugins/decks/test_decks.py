@@ -346,10 +346,12 @@ def test_mistakes(change, why, tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "why"),
-    [(("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
-     (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
-     (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES")],
-)  # fmt: skip
+    [
+        (("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
+        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
+        (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
+    ],
+)
 def test_words_without_effect_are_named(change, why, tmp_path):
     text = blocks("*DSLOAD\nUPPER_TOP, P, 1.")
     assert change[0] in text
