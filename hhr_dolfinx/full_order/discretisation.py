@@ -1,7 +1,7 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs. The Gauss
-points of bodies with laws, or nearly incompressible ones, are in ``gauss_points``, which other scenes do not load.
+It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs. The
+Gauss points of bodies with laws, or nearly incompressible ones, are in ``gauss_points``, which others do not load.
 """
 
 from __future__ import annotations

@@ -80,7 +80,8 @@ def check_held(
     if left:
         raise NotSolvableError(
             f"displacements and constraints of scene '{scene.name}' leave its bodies {left} ways to move: impose "
-            "displacements that hold them. Bodies with constraints that contact alone holds are not built in"
+            "displacements that hold them, since constraints need it. If contact holds a body, add soft springs: "
+            "hhr.Springs(surface, component, stiffness, bedding=True)"
         )
 
 

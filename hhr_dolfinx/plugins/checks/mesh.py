@@ -122,7 +122,9 @@ def look_at_joints(found: SceneCheck) -> None:
     tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
     paired = set()  # bodies in contact, by their indices, the smaller one first
-    for surfaces, _ in found.pairs:
+    joins = [(found.meshed.assembler(one), one) for one in found.scene.constraints if hasattr(one, "slave")]
+    tied = [[of.surface(tag) for tag in (one.slave, one.master)] for of, one in joins]
+    for surfaces in (*(surfaces for surfaces, _ in found.pairs), *tied):
         sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
         paired |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")

@@ -78,8 +78,8 @@ def fit_of(
 ) -> np.ndarray | None:
     """Coefficients, (n, dim), of the displacements of points in a component of the motion of a reference point.
 
-    The displacement a and the rotation b of the point x are those with the least sum of w |u_k - a - b x (x_k - x)|^2,
-    over ``coupled`` components. None if they leave the component undetermined.
+    The displacement a and the rotation b of the point x minimise the sum of w |u_k - a - b x (x_k - x)|^2 over points,
+    (n, dim), in ``coupled`` components; ``weights`` w, (n,), have the sum 1. None if the component is undetermined.
     """
     dim = points.shape[1]
     size = np.ptp(points, axis=0).max() or 1.0

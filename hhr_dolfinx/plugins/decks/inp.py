@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 _READ = OF_MATERIALS | frozenset(
@@ -77,30 +78,21 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints += ties_of(found, parts, left)
     supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
     loads += forces
-    pairs = pairs_of(found, parts, nodes, state, left)
-    if not (pairs or supports or constraints):
+    touching = pairs_of(found, parts, nodes, state, left)
+    if not (touching or supports or constraints):
         raise SceneError(
             f"{path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: hold them "
             "by *BOUNDARY" + "".join(f". {item}" for item in left)
         )
-    pairs = pairs or _out_of_reach(whole, parts, supports)
+    pairs = touching or _out_of_reach(whole, parts, supports)
     steps = of_kind(found, "STEP")
     if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    return Deck(
-        path,
-        hypothesis,
-        tuple(sections),
-        tuple(supports),
-        tuple(loads),
-        tuple(pairs),
-        order,
-        seconds,
-        tuple(constraints),
-        tuple(name for _, name in cuts),
-    )
+    names = tuple(name for _, name in cuts)
+    deck = Deck(path, hypothesis, (*sections,), (*supports,), (*loads,), pairs, order, seconds, (*constraints,), names)
+    return with_springs(deck, parts) if touching and constraints else deck
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
@@ -111,7 +103,7 @@ def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Suppo
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
-    """That of the first elements of the plane; others are left."""
+    """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"
     kinds = [(_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")]
@@ -123,7 +115,7 @@ def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> 
 def _sections(
     found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, left: list[Left]
 ) -> tuple[list[Section], float]:
-    """Bodies, and the thickness of plane ones."""
+    """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
     sections = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
@@ -155,12 +147,14 @@ def _sections(
 
 
 def _ignored(found: Sequence[Block]) -> Iterator[Left]:
-    """Blocks without counterpart."""
+    """Blocks, or options of blocks, without counterpart."""
     for block in found:
         keyword = block.keyword
         if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
         elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            yield block.left("FIXED, SUBMODEL and USER have no counterpart: its lines are read as they stand")
+            yield block.left("FIXED keeps values of earlier steps and forces of bolts; SUBMODEL and USER are ignored")
+        elif keyword == "CONTACT PAIR" and "ADJUST" in block.options:
+            yield block.left("ADJUST moves no nodes here: gaps and overlaps are those of the mesh, see hhr check")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
             yield block.left(_REASONS.get(keyword, "no counterpart"))

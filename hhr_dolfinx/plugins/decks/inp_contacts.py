@@ -30,7 +30,9 @@ def pairs_of(
     for block in of_kind(found, "CONTACT PAIR"):
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
-            coefficient = friction.get(block.word("INTERACTION"), 0.0)
+            coefficient = friction.get(word := block.word("INTERACTION"), 0.0)
+            if word and word not in friction:
+                left.append(block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0"))
             if len(names) < 2 or coefficient is None or "TIED" in block.options:
                 left.append(block.left("a pair needs two surfaces" if len(names) < 2 else "no counterpart: it is tied"))
                 continue

@@ -79,8 +79,9 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
             return [Load("traction", f"hhr.Traction({surface!r}, {tuple(unit.tolist())}, {{}})", value, source)]
         return [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
     tags = parts.bodies_in(item.row[0], bodies)
-    if not tags or label not in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
-        return f"no counterpart: load {label}" if tags else f"'{item.row[0]}' holds no whole body"
+    known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
+    if not tags or not known:
+        return f"'{item.row[0]}' holds no whole body" if known else f"no counterpart: load {label}"
     loads = []
     for tag in tags:
         density = 1.0 if label[0] == "B" else bodies[tag].density

@@ -81,7 +81,8 @@ class Imposed:
 def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step.
 
-    Rows of later steps replace those of the same place; loads of one step add up, and of supports the last one holds.
+    Rows of later steps replace those of the same place but FIXED ones; loads of one step add up, and of supports the
+    last one holds.
     """
     state: dict[tuple[str, str, object], list[Imposed]] = {}
     curves = {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
@@ -104,6 +105,8 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
         for row in block.rows:
             for detail, item in _rows(block, row, factor):
                 key = (block.keyword, row[0].upper(), detail)
+                if key in state and "FIXED" in block.options:
+                    continue
                 before = state.pop(key, [])
                 adds = key in of_step and block.keyword in ("CLOAD", "DLOAD", "DSLOAD")
                 state[key] = [*before, item] if adds else [item]

@@ -78,7 +78,7 @@ def sections_of(
     for block in of_kind(found, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
         if not isinstance(name, str):
-            left.append(block.left("no counterpart: it is no surface with facets, but of an element"))
+            left.append(block.left("no counterpart: its SURFACE= is no surface with facets of the mesh"))
             continue
         try:
             cut = CutMesh(path, sections=(*(one for _, one in sections), name)).read()
@@ -106,8 +106,10 @@ def preloads_of(
     constraints = []
     forces = []
     for block, name in sections:
-        imposed = [item for item in by_name[name] if item.block.keyword == "BOUNDARY"]
         drawn = [item for item in by_name[name] if item.block.keyword == "CLOAD" and item.factor]
+        # a bolt that is FIXED after a force drew it keeps the force: its length then is not known here
+        own = [item for item in by_name[name] if not (drawn and "FIXED" in item.block.options)]
+        imposed = [item for item in own if item.block.keyword == "BOUNDARY"]
         if imposed:
             # a shortening of 0 has an amplitude, too
             text = f"hhr.Preload({name!r}, {{}})" if imposed[-1].factor else f"hhr.Preload({name!r}, 0.0)"

@@ -50,6 +50,10 @@ class NamedParts:
         parts += [self.surfaces[name].ravel()] if name in self.surfaces else []
         return np.unique(np.concatenate(parts))
 
+    def named_in(self, text: str) -> list[Tag]:
+        """Surfaces and sets of nodes whose names are in a text of Python."""
+        return [name for name in (*self.surfaces, *self.raw.nodes) if isinstance(name, str) and repr(name) in text]
+
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
         """Bodies among ``tags`` whose cells all belong to a set."""
         found = self.body(name)

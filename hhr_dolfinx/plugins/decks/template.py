@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import permutations
@@ -47,15 +48,14 @@ def template(path: Path, parts: NamedParts) -> Deck:
     elif not supports:
         supports, proposed = _by_places(parts, piece, pairs[0], source, left)
         loads = loads or proposed
-    if bolts:
-        loads = [*loads, *_beddings(parts, piece, [name for pair in pairs for name in pair], supports, steel)]
-    return replace(
+    deck = replace(
         deck,
         supports=tuple(supports),
         loads=tuple(loads),
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs),
         left=tuple(left),
     )
+    return with_springs(deck, parts) if bolts else deck
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:
@@ -98,18 +98,28 @@ def _by_places(
     return supports, loads
 
 
-def _beddings(
-    parts: NamedParts, piece: Mapping[Tag, int], places: Iterable[Tag], supports: Iterable[Support], steel: Material
-) -> Iterator[Load]:
-    """Soft springs, such as those of a seal, along components that no support holds: constraints leave no free body."""
+def with_springs(deck: Deck, parts: NamedParts) -> Deck:
+    """Add soft springs along components that neither supports nor constraints hold: equations admit no free body."""
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
-    held = {(number, item.component) for item in supports for number in set(labels[parts.nodes(item.place)].tolist())}
-    first = {piece[name]: name for name in reversed([*places])}
-    for number, name in first.items():
-        stiffness = SOFT * steel.young / np.ptp(parts.raw.points[labels == number], axis=0).max()
+    supports = [(item.place, item.component) for item in deck.supports]
+    for names, text in ((parts.named_in(item.text), item.text) for item in deck.constraints):
+        if motion := re.match(r"hhr\.MeanMotion\(.*?, (\d)", text):
+            supports += [(name, int(motion[1])) for name in names]
+        elif text.startswith(("hhr.Tie", "hhr.Periodic", "hhr.Preload")):
+            joined = [labels[parts.nodes(name)[0]] for name in (*names, f"{names[0]}_other") if name in parts.surfaces]
+            labels[np.isin(labels, joined)] = joined[0]
+    held = {(number, k) for place, k in supports for number in set(labels[parts.nodes(place)].tolist())}
+    first = {labels[parts.nodes(name)[0]]: name for pair in deck.pairs[::-1] for name in parts.named_in(pair.text)}
+    found = []
+    for number, name in reversed(first.items()):
+        young = max(item.material.young for item in deck.sections)
+        stiffness = SOFT * young / np.ptp(parts.raw.points[labels == number], axis=0).max()
         for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
             text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
-            yield Load("springs", text, 0.0, "soft, such as a seal: nothing else holds this body until it is drawn")
+            found.append(Load("springs", text, 0.0, "soft: without them contact alone holds this body"))
+    why = "constraints need bodies that are held without contact: soft springs are added to loads, check them"
+    left = [Left(deck.pairs[0].source, "contact", why)] if found else []
+    return replace(deck, loads=(*deck.loads, *found), left=(*deck.left, *left))
 
 
 def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
@@ -141,7 +151,9 @@ def _pieces(parts: NamedParts) -> dict[Tag, int]:
         for name in names or parts.surfaces
         if (parts.owners(name) >= 0).all()
     }
-    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1}
+    # gmsh writes a surface by its number, then by the name of its group: the last of equal ones counts
+    last = {tuple(parts.nodes(name).tolist()): name for name in of}.values()
+    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1 and name in last}
 
 
 def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]]:

@@ -147,7 +147,7 @@ def _rotated(vectors: np.ndarray) -> np.ndarray:
 
 
 def facets_of(points: np.ndarray, facets: np.ndarray, curve: np.ndarray | None = None) -> Facets:
-    """Segments or triangles, (f, dim), turned alike, with smooth normals; SceneError for a surface with one side."""
+    """Segments or triangles, (f, dim), oriented alike, with smooth normals; SceneError for a surface with one side."""
     count, k = facets.shape
     # sides of facets, without a corner each, and +1 or -1 by their direction
     sides = np.concatenate([facets[:, [(i + 1 + j) % k for j in range(k - 1)]] for i in range(k)])

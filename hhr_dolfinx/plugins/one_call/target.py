@@ -81,7 +81,7 @@ class Target:
     def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
         """Target for the answers of a full model; ParameterError for an error outside (0, 1) or an unknown quantity."""
         if not is_number(error) or not 0 < error < 1:
-            raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
+            raise ParameterError(f"error = {error!r} must lie in (0, 1): 0.01 is one per cent")
         if error < LEAST_ERROR:
             raise ParameterError(
                 f"error = {error!r} of a wish is below {LEAST_ERROR:g}, to which answers of the full model are known "

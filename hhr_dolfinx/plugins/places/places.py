@@ -120,7 +120,7 @@ class Springs:
         component: 0, 1 or 2.
         modulus: k > 0 of each node, in force per length; of ``bedding`` per area.
         amplitude: displacement of the ground: a number, an Amplitude, or a formula of the parameters as text.
-        bedding: whether k is one per area of the tagged facets, shared out among their nodes.
+        bedding: True if k is one per area of the tagged facets, divided among their nodes by their areas.
     """
 
     place: Tag | Place

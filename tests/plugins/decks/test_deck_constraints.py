@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from deck_texts import bar, block_lines, blocks
 from needs import needs
+from shell import invoke
 from test_decks import end, solved, started
 
 import hhr_dolfinx as hhr
@@ -89,6 +90,19 @@ def test_a_preloaded_bar(step, moved, tmp_path):
     assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
 
 
+FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
+
+
+@pytest.mark.parametrize("first", ["*BOUNDARY\n903, 1, 1, 0.02", "*CLOAD\n903, 1, 5."])
+def test_a_fixed_bolt_keeps_its_preload(first, tmp_path):
+    """The second step of most decks of bolts: the stress stays 5, not that of a bolt that was never drawn."""
+    text = bar(f"{first}\n{FIXED}").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section, 1))
+    assert "FIXED keeps" in output
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
+
+
 def test_a_preloaded_bar_without_other_surfaces(tmp_path):
     """Its section is the surface of the plane out of reach."""
     text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
@@ -119,6 +133,38 @@ def test_a_tie(tmp_path):
     assert "TODO" not in output and isinstance(scene.constraints[0], hhr.Tie)
     moved = end(*solved(scene), (1.0, 1.0, 2.0))
     assert moved == pytest.approx((0.02074459, -0.0004041438, -0.002264094), rel=0.01)
+
+
+@needs("checks")
+def test_soft_springs_hold_what_contact_alone_holds(tmp_path, monkeypatch):
+    """A lid is pressed on tied cubes, which the tie holds: only the lid has springs, and they bear next to nothing."""
+    monkeypatch.chdir(tmp_path)  # for the picture
+    lid = "\n".join(block_lines("LID", 2001, (0.0, 0.0, 2.0), (1.0, 1.0, 3.0), (3, 3, 1)))
+    pair = "*SOLID SECTION, ELSET=LID, MATERIAL=STEEL\n*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\n"
+    text = tied("*DSLOAD\nLID_TOP, P, 10.").replace("*MATERIAL", f"{lid}\n*MATERIAL", 1)
+    scene, output = started(tmp_path, text.replace("*TIE", f"{pair}LID_BOTTOM, UPPER_TOP\n*TIE"))
+    assert output.count("TODO") == 1 and "soft springs are added" in output
+    springs = [one for one in scene.loads if isinstance(one, hhr.Springs)]
+    assert [(one.place, one.component) for one in springs] == [("LID_BOTTOM", k) for k in range(3)]
+    answer = solved(scene)[1]
+    # the springs, 1e-4 E per area, bear 0.1 times the sinking of the lid, two cubes' 2 p / E = 0.02
+    assert answer.forces().sum() == pytest.approx(10.0 - 0.1 * 0.02, rel=1e-4)
+    code, output = invoke("check", tmp_path / "deck.py")
+    assert code == 0 and "hold every body" in output and "go through each other" not in output
+
+
+@needs("checks")
+def test_soft_springs_hold_a_jack_that_a_force_opens(tmp_path, monkeypatch):
+    """A column of unit area is cut, and a force of 4 presses its lower half on the cube: the contact bears it."""
+    monkeypatch.chdir(tmp_path)  # for the picture
+    text = blocks("*CLOAD\n903, 1, -4.", upper=(2, 2, 2)).replace("UPPER_X0, 1\nUPPER_Y0, 2\n", "UPPER_Z1, 1, 3\n")
+    section = "*SURFACE, NAME=CUT\n" + "".join(f"{1001 + k}, S2\n" for k in range(4))
+    section += "*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    assert output.count("TODO") == 1 and "soft springs are added" in output
+    assert invoke("check", tmp_path / "deck.py")[0] == 0
+    answer = solved(scene)[1]
+    assert answer.forces().sum() == pytest.approx(4.0 - 0.1 * 0.004, rel=1e-6)  # springs of 0.1 sink by p / E
 
 
 def sector(step="*DSLOAD\nSIDES, P, 10.", count=4):
@@ -190,7 +236,7 @@ def test_a_curved_tool_presses_a_node(tool, tmp_path):
     text += (
         "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*SURFACE, NAME=LID\n1, S3\n2, S3\n"
         + tool
-        + "*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
+        + "*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
     )
     text += "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
     scene, output = started(tmp_path, text)

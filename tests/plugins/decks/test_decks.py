@@ -331,7 +331,7 @@ def test_parts_without_counterpart_are_named(tmp_path):
     for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
                   "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED, SUB",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED keeps",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written
@@ -360,6 +360,21 @@ def test_mistakes(change, why, tmp_path):
     code, output = invoke("start", tmp_path / "deck.inp")
     assert code == 3 and re.search(why, output), output
     assert not (tmp_path / "deck.py").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
+        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
+        (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
+    ],
+)
+def test_words_without_effect_are_named(change, why, tmp_path):
+    text = blocks("*DSLOAD\nUPPER_TOP, P, 1.")
+    assert change[0] in text
+    _, output = started(tmp_path, text.replace(*change))
+    assert output.count("TODO") == 1 and why in output
 
 
 def test_a_file_that_is_there_stays(tmp_path):

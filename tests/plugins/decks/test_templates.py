@@ -36,7 +36,7 @@ def column(folder, end="FIXED_END", side="SYMMETRY_X"):
 def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     """The bolt is shortened and pressed, and its force is that of the pressure but for the share of the springs."""
     code, output = invoke("start", column(tmp_path, end))
-    assert code == 0 and output.count("TODO") == 1, output  # the materials
+    assert code == 0 and output.count("TODO") == 2, output  # the materials, the springs
     scene = scene_of(str(tmp_path / "column.py"))
     assert scene.geometry.sections == ("BOLT_SECTION",) and len(scene.contacts) == 1
     assert scene.parameters.names == ("preload", "pressure")
@@ -60,6 +60,17 @@ def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     assert full.solve([0.003, 0.0]).outputs()["force 0"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_two_names_of_a_surface_give_one_pair(tmp_path):
+    """Gmsh writes each surface as SurfaceN, too: the name of the user counts, and conditions are not there twice."""
+    path = column(tmp_path)
+    more = "*SURFACE, NAME=Surface7\n3, S2\n*SURFACE, NAME=Surface9\n5, S1\n*SURFACE, NAME"
+    path.write_text(path.read_text().replace("*SURFACE, NAME", more, 1))
+    assert invoke("start", path)[0] == 0
+    assert [(pair.first, pair.second) for pair in scene_of(str(tmp_path / "column.py")).contacts] == [
+        ("TOP", "CAP_FOOT")
+    ]
+
+
 def test_an_inclined_plane_of_symmetry_is_left(tmp_path):
     path = column(tmp_path, side="SYMMETRY_TURNED")
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
@@ -76,6 +87,6 @@ def test_an_inclined_plane_of_symmetry_is_left(tmp_path):
 def test_a_check_takes_the_sides_of_a_section_and_springs_as_used(tmp_path):
     """The section doubles nodes on purpose, and springs act though their ground stays."""
     invoke("start", column(tmp_path))
-    _, output = invoke("check", tmp_path / "column.py")
+    _, output = invoke("check", tmp_path / "column.py", "--picture", tmp_path / "column.png")
     assert "nothing names" not in output and "falls apart" not in output and "does nothing" not in output
     assert "body 'BOLT' is made of 2 pieces" in output and "hold every body" in output

@@ -189,7 +189,7 @@ def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
 @pytest.mark.parametrize(
     ("how", "kind", "said"),
     [
-        ({"error": 0}, ParameterError, r"error = 0 of a wish"),
+        ({"error": 0}, ParameterError, r"error = 0 must lie"),
         ({"error": math.nan}, ParameterError, "must lie in"),
         *(({"of": of}, ParameterError, "no error that is known here") for of in ("stress", (), 3)),
         ({"budget": 60}, StudyError, r"hhr\.Budget\(seconds=600\)"),
