@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS
 
 _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
@@ -72,8 +73,11 @@ class Deck:
         return f"{self.instances[instance - 1]}.{own}" if instance else str(own)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines without blanks and comments, with their numbers. Included files are inserted, keyword lines are joined."""
+def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]]:
+    """Lines without blanks and comments, with their numbers. Included files are inserted, keyword lines are joined.
+
+    FileContentError for an included file that does not exist, or includes itself.
+    """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
@@ -82,7 +86,11 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
             line += next(lines, (0, "*"))[1]
         found = re.match(r"\*\s*INCLUDE\s*,\s*INPUT\s*=\s*(.*)", line, re.IGNORECASE)
         if found:
-            yield from _lines(path.parent / found[1].strip().strip('"'))
+            other = path.parent / found[1].strip().strip('"')
+            if not other.is_file() or other in (path, *above):
+                why = "includes itself" if other.is_file() else "does not exist: put it there, or name its path"
+                raise FileContentError(f"{path.name}:{number} *INCLUDE: the file {other} {why}")
+            yield from _lines(other, (path, *above))
         else:
             yield number, line
 

@@ -349,6 +349,8 @@ def test_parts_without_counterpart_are_named(tmp_path):
      (("BAR_X0, 1", "BAR_X0"), "'BAR_X0' has too few words"),
      (("*CLOAD", "*CLOAD, AMPLITUDE=RISE"), "there is no amplitude 'RISE'"),
      (("*BOUNDARY", "*BOUNDARY, OP=NEW\n*FREQUENCY"), "so its bodies are free: hold them by .BOUNDARY"),
+     (("*STEP", "*INCLUDE, INPUT=nowhere.inp\n*STEP"), "deck.inp:\\d+ .INCLUDE: the file .* does not exist"),
+     (("*STEP", "*INCLUDE, INPUT=deck.inp\n*STEP"), "deck.inp:\\d+ .INCLUDE: the file .* includes itself"),
      (("*NODE, NSET=ALL", "*NOTE"), "")],
 )  # fmt: skip
 def test_mistakes(change, why, tmp_path):
