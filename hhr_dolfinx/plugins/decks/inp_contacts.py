@@ -25,7 +25,9 @@ def pairs_of(
     friction = _frictions(found, left)
     planes, tools = _rigid(found, parts, nodes, state)
     cleared = of_kind(found, "CLEARANCE")
-    gaps = {(block.word("SLAVE"), block.word("MASTER")): block.number(block.option("VALUE")) for block in cleared}
+    gaps = {_sides(block): block.number(block.option("VALUE")) for block in cleared}
+    given = {tuple(word.upper() for word in row if word)[:2] for b in of_kind(found, "CONTACT PAIR") for row in b.rows}
+    left += [one.left("no pair has this slave and master") for one in cleared if _sides(one) not in given]
     pairs = []
     for block in of_kind(found, "CONTACT PAIR"):
         for row in block.rows:
@@ -56,6 +58,11 @@ def pairs_of(
                     block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid surface that is read")
                 )
     return tuple(pairs)
+
+
+def _sides(block: Block) -> tuple[str, str]:
+    """Slave and master of a *CLEARANCE, in capitals."""
+    return block.word("SLAVE"), block.word("MASTER")
 
 
 def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, float | None]:

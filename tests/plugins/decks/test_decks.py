@@ -370,6 +370,10 @@ def test_mistakes(change, why, tmp_path):
         (("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
         (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
         (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
+        (
+            ("*STEP", "*CLEARANCE, SLAVE=LOWER_TOP, MASTER=UPPER_BOTTOM, VALUE=0.1\n*STEP"),
+            "*CLEARANCE: no pair has this slave and master",
+        ),
     ],
 )
 def test_words_without_effect_are_named(change, why, tmp_path):
