@@ -499,6 +499,7 @@ BEAM_END = "*STEP/*STATIC/*CLOAD/LOAD, 2, 1."
 HEATED = "*STEP, NLGEOM/*STATIC/*TEMPERATURE/N1, 1000./N2, 273."
 TOP2, END = (1.0, 1.0, 2.0), (1.0, 1.0, 8.0)
 LID_DOWN, END_ASIDE = node(TOP2, 2), node(END, 1)
+LID = "displacement of the lid"
 _SQUASHED = "displacement of a corner of the lid"
 _BENT = "deflection of a corner of the end"
 
@@ -612,7 +613,9 @@ ENTRIES = (
     _on_wide("cubespring", "C3D8, node to surface, do not meet", ("C3D8", 3, 4, N2S, PUNCHED), -0.0009793159),
     _on_wide("punch1", "C3D20, small sliding, ADJUST", ("C3D20", 2, 3, ADJUSTED, PUNCHED), -0.001014528),
     _on_wide("friction1", "C3D8, friction", ("C3D8", 4, 4, N2S, RISING, "*FRICTION/.2, 1.E8"), -0.0009056599),
-    _refused("contact3", "C3D8, EQUATION, a slave of nodes", "contact alone holds", equal_nodes),
+    Entry(
+        "contact3", "C3D8, EQUATION, a slave of nodes", equal_nodes, LID, node((0.25, 0.25, 2), 2), -0.001771993, CCX
+    ),
     Entry("hueeber1", "C3D8, two materials", slabs, "displacement of an edge", EDGE, 1.348123e-05, CCX),
     Entry(
         "plate", "CPS8R, thickness", plates, "displacement of the lid", node((4, 8, 0), 1), -600 / 2 / 4 * 8 / 210000
@@ -620,7 +623,7 @@ ENTRIES = (
     _refused("ring1", "CAX8, temperatures in one set", "give a field", partial(rings, "CAX8", HEATED, EXPANDS)),
     Entry("ring1, two sets", "CAX8, a heated ring", two_rings, "pressure", PRESSURE, shrunk()),
     _refused("ring3", "CAX8, heat of friction", "COUPLED TEMP", partial(rings, "CAX8", RUBBED, friction=GAP_HEAT)),
-    _refused("scheibe2f2f", "C3D8, cyclic symmetry", "contact alone holds", partial(sectors, PUNCHED)),
+    Entry("scheibe2f2f", "C3D8, cyclic symmetry", partial(sectors, PUNCHED), LID, node((1, 0, 0.5), 2), -50 / 210000),
     _bent("beamptied1", "C3D20, TIE of nodes", "*TIE, NAME=T1/DEPN, INDF/" + BEAM_END, 0.2034654, cut=True),
     _bent("beamptied2", "C3D20, TIE", "*TIE, NAME=T1/DEPF, INDF/" + BEAM_END, 0.3875936, cut=True, shifted=True),
     _bent("beamptied3", "C3D20, pressed", ALONG, -0.03765736, node((1, 1, 6), 2), cut=True),
