@@ -613,9 +613,7 @@ ENTRIES = (
     _on_wide("cubespring", "C3D8, node to surface, do not meet", ("C3D8", 3, 4, N2S, PUNCHED), -0.0009793159),
     _on_wide("punch1", "C3D20, small sliding, ADJUST", ("C3D20", 2, 3, ADJUSTED, PUNCHED), -0.001014528),
     _on_wide("friction1", "C3D8, friction", ("C3D8", 4, 4, N2S, RISING, "*FRICTION/.2, 1.E8"), -0.0009056599),
-    Entry(
-        "contact3", "C3D8, EQUATION, a slave of nodes", equal_nodes, LID, node((0.25, 0.25, 2), 2), -0.001771993, CCX
-    ),
+    Entry("contact3", "C3D8, EQUATION, nodes", equal_nodes, LID, node((0.25, 0.25, 2), 2), -0.001771993, CCX),
     Entry("hueeber1", "C3D8, two materials", slabs, "displacement of an edge", EDGE, 1.348123e-05, CCX),
     Entry(
         "plate", "CPS8R, thickness", plates, "displacement of the lid", node((4, 8, 0), 1), -600 / 2 / 4 * 8 / 210000
