@@ -386,3 +386,26 @@ def test_contact_up_to_the_edges_of_a_periodic_surface(friction):
         answer = model.solve(0.9)
         assert answer.pressure()[:4] == pytest.approx(np.full(4, expected), rel=1e-6)
         assert abs(answer.outputs()["force"]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_cell_that_repeats_in_both_directions():
+    """Corners follow by two surfaces: forces on nodes that are one node in the lattice are in balance together."""
+    along, up = hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)), hhr.Periodic(TOP, BOTTOM, shift=(0.0, 1.0))
+    force = hhr.NodalForce(hhr.Nodes.near((0.5, 0.25)), (1.0, 0.4), "p")
+    held = hhr.Displacement.clamp(hhr.Nodes.near((0.0, 0.0)), 2)
+    plain = replace(pressed(loads=(force,)), contacts=(hhr.Obstacle(TOP, (0, 1), 9.0),))
+    free = hhr.FullOrderModel(plain).problem
+    place = np.round(free.points, 9) % 1.0
+    cell = np.unique(place, axis=0, return_inverse=True)[1].ravel()
+    forced = int(np.linalg.norm(free.points - (0.5, 0.25), axis=1).argmin())
+    for constraints in ((along, up), (up, along)):
+        lattice = replace(plain, displacements=held, constraints=constraints)
+        u = hhr.FullOrderModel(lattice).solve(0.5).displacement().reshape(-1, 2)
+        assert np.ptp(u, axis=0).min() > 1e-4
+        assert all(u[cell == k] == pytest.approx(np.tile(u[cell == k][0], ((cell == k).sum(), 1))) for k in cell)
+        left = (free.stiffness @ u.ravel()).reshape(-1, 2)
+        left[forced] -= 0.5 * np.array([1.0, 0.4])
+        sums = np.stack([np.bincount(cell, left[:, k]) for k in range(2)], axis=1)
+        corner = cell[np.linalg.norm(free.points, axis=1).argmin()]
+        assert np.delete(sums, corner, axis=0) == pytest.approx(0.0, abs=1e-12)
+        assert sums[corner] == pytest.approx([-0.5, -0.2])
