@@ -637,7 +637,6 @@ ENTRIES = (
     _refused("c3d15", "C3D15", "prisms", wedges),
     _refused("ball", "C3D8 and shells, dynamics", "DYNAMIC", floor_of_a_ball),
     Entry("Hertz_2D (examples)", "CPE4", partial(hertz, "CPE4"), "pressure over that of Hertz", _hertz_ratio, 1.0),
-    # 220.3 N of the example is that of its coarse cells: CalculiX has 221.9 on such cells, without NLGEOM, and we 212.0
     Entry("Leafspring (examples)", "C3D20, six leaves", leaf_spring, "force at 10 mm in N", _leaf_force, 210.65, FINE),
     Entry("LE10.inp", "C3D20, DSLOAD", _le10, "stress at D in MPa", stress_at_d, -5.38, "NAFEMS", 0.02),
 )

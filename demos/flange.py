@@ -14,7 +14,6 @@ fixed, symmetry and pressure, and a flat surface inside of the bolt, are all tha
 What to see: the diagram of the joint. The cover bends, so that the bolt even loses a tenth of the working load, until
 the joint opens and it carries all of it. The model is exact for this mesh: the demo prints its errors against full
 solutions that it has not seen, the balance of forces, and the difference to a finer mesh, the error that counts.
-CalculiX with penalty contact has the same forces of the bolt within 0.5 % (measured once, on the mesh of --quick).
 
     python demos/flange.py [--out DIR] [--quick] [--seed N]
 """

@@ -99,12 +99,18 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
     found.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 
 
+def _places_of(constraint: Any) -> list[Any]:
+    """Surfaces, sets and places that a constraint names."""
+    own = [getattr(constraint, name, None) for name in ("place", "slave", "master", "follower", "leader", "section")]
+    return own + [place for place, *_ in getattr(constraint, "terms", ())]
+
+
 def _names(found: SceneCheck) -> None:
     scene = found.scene
     discretisation = found.meshed
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
-    used |= {getattr(load, "tag", None) or getattr(load, "place", None) for load in scene.loads}
-    used |= {value for item in scene.constraints for value in vars(item).values() if isinstance(value, int | str)}
+    used |= {getattr(load, "tag", getattr(load, "place", None)) for load in scene.loads}
+    used |= {place for item in scene.constraints for place in _places_of(item)}
     # the other side of a cut has the name of the section with an ending
     cuts = [item.section for item in scene.constraints if hasattr(item, "section")]
     facets = discretisation.names.facets

@@ -55,7 +55,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     """
     left = list(_ignored(found))
     whole = parts
-    cuts, parts = sections_of(found, path, parts, left)
+    cuts, parts = sections_of(found, parts, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
     materials = {item.tag: item.material for item in sections}

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.plugins.constraints.cut import CutMesh
+from hhr_dolfinx.plugins.constraints.cut import cut
 from hhr_dolfinx.plugins.constraints.equations import ALIKE, Periodic
 from hhr_dolfinx.plugins.decks.deck import Left, Load
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
@@ -71,7 +70,7 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
 
 
 def sections_of(
-    found: Sequence[Block], path: Path, parts: NamedParts, left: list[Left]
+    found: Sequence[Block], parts: NamedParts, left: list[Left]
 ) -> tuple[list[tuple[Block, str]], NamedParts]:
     """Sections of preloaded bolts by their blocks, and the mesh that is cut there."""
     sections: list[tuple[Block, str]] = []
@@ -81,12 +80,11 @@ def sections_of(
             left.append(block.left("no counterpart: its SURFACE= is no surface with facets of the mesh"))
             continue
         try:
-            cut = CutMesh(path, sections=(*(one for _, one in sections), name)).read()
+            parts = NamedParts(cut(parts.raw, name))
         except FileContentError as error:
             left.append(block.left(f"the mesh cannot be cut there: {error}"))
             continue
         sections.append((block, name))
-        parts = NamedParts(cut)
     return sections, parts
 
 

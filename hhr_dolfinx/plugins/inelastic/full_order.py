@@ -21,7 +21,6 @@ from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseSt
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.varying import with_springs
 from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
@@ -318,5 +317,7 @@ def bodies_of(scene: Scene) -> GaussModel:
     pattern = operator.pattern()
     parts = stiffness_parts(material, operator, pattern)
     if discretisation.springs is not None:
+        from hhr_dolfinx.full_order.varying import with_springs
+
         parts = with_springs(scene.parameters.names, discretisation.springs, *parts)
     return GaussModel(discretisation, operator, material, bodies, pattern, *parts)

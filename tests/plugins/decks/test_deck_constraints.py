@@ -3,6 +3,8 @@
 Its elements of first order, C3D8, are those of the scene.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from deck_texts import bar, block_lines, blocks
@@ -263,3 +265,29 @@ def test_a_tool_of_rigid_elements(tmp_path):
     full, answer = solved(scene)
     forces = answer.forces()[full.problem.pressing_of(1)]
     assert (forces > 0).sum() == 5 and end(full, answer, (0.5, 0.5, 2.0))[2] == pytest.approx(-0.1, abs=5e-4)
+
+
+def test_check_knows_the_places_of_constraints(tmp_path):
+    """Numbers of components are no numbers of surfaces, and places stand in terms of equations too."""
+    from hhr_dolfinx.plugins.checks.check import check_scene
+    from hhr_dolfinx.plugins.checks.findings import NOTE
+
+    (tmp_path / "bar.inp").write_text(bar(""))
+    plain = hhr.Scene(
+        name="bar",
+        geometry=hhr.MeshFile(tmp_path / "bar.inp"),
+        hypothesis="solid",
+        bodies=(hhr.Body("BAR", 1000.0, 0.3),),
+        contacts=(hhr.Obstacle("BAR_TOP", (0.0, 0.0, 1.0), 9.0),),
+        displacements=hhr.Displacement.clamp("BAR_X0", 3),
+        loads=(hhr.Pressure("BAR_TOP", "p"),),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+    )
+    means = tuple(hhr.MeanMotion("BAR_X1", k) for k in (1, 2))
+    equation = hhr.Equation((("BAR_X1", 1, 1.0), (hhr.Nodes.near((4.0, 0.0, 0.0)), 2, -1.0)))
+    idle = []
+    for constraints in ((), means, (equation,)):
+        found = check_scene(replace(plain, constraints=constraints)).findings
+        notes = [one.text for one in found if one.level == NOTE and "nothing names" in one.text]
+        idle.append(set(notes[0].rpartition(": ")[2].split(", ")))
+    assert "BAR_X1" in idle[0] and idle[1] == idle[2] == idle[0] - {"BAR_X1"}
