@@ -5,6 +5,7 @@ Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,9 +81,21 @@ class Left:
         return f"TODO {self.source} {self.keyword}: {self.why}"
 
 
+Item = Load | Support | Pair | Section
+"""A part of a deck with a value that a parameter may be."""
+
+
+@dataclass(frozen=True)
+class History:
+    """Courses of the quantities of a deck over its steps: fractions of their values in the deck, linear in between."""
+
+    times: tuple[float, ...]  # in s from rest, which is 0
+    courses: Mapping[Item, tuple[float, ...]]  # one fraction for each time
+
+
 @dataclass(frozen=True)
 class Deck:
-    """Contents of a deck at the end of its last step."""
+    """Contents of a deck at the end of its last step, or the largest values of its steps with their history."""
 
     path: Path  # file of the mesh
     hypothesis: str
@@ -94,3 +107,4 @@ class Deck:
     seconds: float = 1.0  # duration of all steps, for laws with rates
     constraints: tuple[Load, ...] = ()
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
+    history: History | None = None  # None where the end of the last step is all that counts
