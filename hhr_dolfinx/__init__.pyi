@@ -41,6 +41,7 @@ from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload
 from .plugins.constraints.tie import Tie as Tie
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
+from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures
 from .plugins.decks.with_outside import WithOutside as WithOutside
 from .plugins.external_operator.law import ExternalOperator as ExternalOperator
 from .plugins.fallback.model import FallbackModel as FallbackModel

@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
 from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
@@ -104,7 +105,8 @@ class _Reader:
             forces += more[1]
         constraints += ties_of(found, parts, left)
         materials = {item.tag: item.material for item in self.sections}
-        supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
+        supports, loads = loads_of(merged(own), parts, materials, thickness, left)
+        loads += heated_of(found, own, nodes, materials, left)
         touching = pairs_of(found, parts, nodes, state, left)
         if not (touching or supports or constraints):
             raise SceneError(

@@ -52,15 +52,18 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     # all that acts at some time, each with its largest value
     largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
     amounts = _amounts(largest)
-    rows = [
-        _shares(_amounts(read([replace(item, factor=one) for item, one in zip(items, then, strict=True)])), amounts)
-        for then in ([0.0] * len(items), *zip(*factors, strict=True))
+    # at rest nothing acts, and temperatures are the initial ones
+    rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
+    then = [
+        [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
     ]
+    decks = [read(state) for state in (rest, *then)]
+    rows = [_shares(_amounts(one), amounts) for one in decks]
     if not all(rows) or not _whole(items, factors):
         return _without(deck, steps[-1], "values of one block change their proportions between steps")
     columns = zip(*rows, strict=True)
     courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
-    left = in_order((*largest.left, *_released(states)))
+    left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(states)))
     return replace(largest, history=History((0.0, *times), courses), left=left)
 
 
