@@ -125,7 +125,8 @@ class _Reader:
             tuple(constraints),
             tuple(name for _, name in self.cuts),
         )
-        return with_springs(deck, parts) if touching and constraints else deck
+        flows = any(item.material.law for item in self.sections)
+        return with_springs(deck, parts) if touching and constraints and flows else deck
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
