@@ -7,7 +7,17 @@ _MESH = "hhr_dolfinx.plugins.decks.with_outside"
 
 PLUGIN = Plugin(
     name="decks",
-    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints", "obstacles"),
+    needs=(
+        "places",
+        "mortar",
+        "friction",
+        "inelastic",
+        "volume_loads",
+        "checks",
+        "constraints",
+        "obstacles",
+        "second_order",
+    ),
     public={_LOADS: "NodalForces", _MESH: "WithOutside"},
     parts={
         "loads": {_LOADS: "NodalForces"},
