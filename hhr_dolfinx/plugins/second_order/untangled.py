@@ -64,9 +64,7 @@ class Untangled(MeshFile):
         """See :class:`MeshFile`; FileContentError for cells that are folded by their corners alone."""
         raw = self.mesh.read() if isinstance(self.mesh, MeshFile) else super().read()
         if raw.sides is None:
-            warn(
-                f"Untangled has no effect on {self.path}, whose cells are of first order: take MeshFile", SceneWarning
-            )
+            warn(f"Untangled has no effect on {self.path}, whose cells are of first order: take MeshFile", SceneWarning)
             return raw
         if raw.points.shape[1] != raw.dim:  # a surface in space, which a scene refuses
             return raw
@@ -95,7 +93,29 @@ def mended(raw: RawMesh, name: str, how: str = "straight") -> tuple[RawMesh, np.
     sides = _Sides.of(raw)
     _refuse_corners(raw, name, sides)
     bad = sides.bad(sides.curved, raw.points)
-    return replace(raw, points=_straightened(raw, sides, bad)), bad
+    start = raw
+    if how == "gmsh" and bad.size:
+        start = _by_gmsh(raw)
+        sides = _Sides.of(start)
+    left = sides.bad(sides.curved, start.points)
+    return replace(raw, points=_straightened(start, sides, left)), bad
+
+
+def _by_gmsh(raw: RawMesh) -> RawMesh:
+    """The mesh after gmsh mended as many cells as it can."""
+    from hhr_dolfinx.plugins.second_order.by_gmsh import optimised
+
+    same = _coinciding(raw.points, np.arange(len(raw.points)))
+
+    def bad(points: np.ndarray) -> int:
+        try:
+            sides = _Sides.of(replace(raw, points=points))
+            _refuse_corners(sides.raw, "gmsh", sides)
+        except FileContentError:  # nodes far from their sides, or folded corners
+            return len(raw.cells) + 1
+        return len(sides.bad(sides.curved, points))
+
+    return replace(raw, points=optimised(raw, (np.bincount(same) > 1)[same], bad))
 
 
 def folded(raw: RawMesh) -> np.ndarray:
@@ -116,7 +136,9 @@ def folded_in_words(raw: RawMesh, name: str) -> str:
     if not rows.size:
         return ""
     place = raw.points[raw.cells[rows[0]]].mean(axis=0).tolist()
-    return f"{rows.size} cells of second order are folded, e.g. around {place}: hhr.Untangled({name!r}) straightens them"
+    return (
+        f"{rows.size} cells of second order are folded, e.g. around {place}: hhr.Untangled({name!r}) straightens them"
+    )
 
 
 def mending(geometry: object) -> str:

@@ -30,8 +30,10 @@ def lattice(kind, counts):
     if dim == 3:
         around = np.vstack([np.column_stack([around, np.full(4, height)]) for height in (0, 1)])
     boxes = number[tuple(np.moveaxis(low[:, None] + around, -1, 0))]
-    parts = {"triangle": [(0, 1, 2), (0, 2, 3)],
-             "tetrahedron": [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)]}
+    parts = {
+        "triangle": [(0, 1, 2), (0, 2, 3)],
+        "tetrahedron": [(0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6)],
+    }
     return points, np.vstack([boxes[:, part] for part in parts[kind]]) if kind in parts else boxes  # fmt: skip
 
 
