@@ -1,4 +1,4 @@
-"""Contact on cells of second order: facets with curved sides, multipliers on their flat parts, and folded cells mended."""
+"""Contact on cells of second order: facets with curved sides, multipliers on flat parts; folded cells are mended."""
 
 from hhr_dolfinx.registry import Plugin
 

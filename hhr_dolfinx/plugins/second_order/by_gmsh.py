@@ -7,18 +7,19 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.geometries import high_order
-from hhr_dolfinx.geometries.cells import CORNERS, EDGE_ORDERS, EDGES, FACES
+from hhr_dolfinx.geometries.cells import EDGE_ORDERS, EDGES, FACES
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 WAYS = ("HighOrder", "HighOrderElastic")
-"""Optimisers of gmsh, in the order in which they are tried. The first one may fail; the second one solves for an elastic
-body, and leaves some cells folded. ``HighOrderFastCurving`` mended no cell of the tests and folded others."""
+"""Optimisers of gmsh, in the order in which they are tried. The first one may fail; the second one solves for an
+elastic body, and may leave cells folded. ``HighOrderFastCurving`` mended few cells and folded others."""
 ELEMENTS = {"line": 8, "triangle": 9, "quadrilateral": 16, "tetrahedron": 11, "hexahedron": 17}
 """Numbers in gmsh of elements of second order with nodes on their edges and no others."""
 FACETS = {"triangle": "line", "quadrilateral": "line", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
@@ -86,12 +87,12 @@ def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray
     """Corners of all facets of all cells, (c * facets, k), and the nodes on their sides, (c * facets, m)."""
     own = [frozenset(edge) for edge in EDGES[kind]]
     ends = [face if len(face) == 2 else (*face, face[0]) for face in FACES[kind]]
-    edges = [[own.index(frozenset(pair)) for pair in zip(face, face[1:], strict=False)] for face in ends]
+    edges = [[own.index(frozenset(pair)) for pair in pairwise(face)] for face in ends]
     width, count = len(FACES[kind][0]), len(edges[0])
     return cells[:, np.array(FACES[kind])].reshape(-1, width), sides[:, np.array(edges)].reshape(-1, count)
 
 
-def _borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of the facets that belong to one cell, or to cells with several labels, (f, k + m), and their cells."""
     corners, middles = _facets(kind, cells, sides)
     owner = np.repeat(np.arange(len(cells)), len(FACES[kind]))
@@ -111,7 +112,7 @@ def _flat(raw: RawMesh, matched: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     Facets in the same plane and of the same bodies have the same label.
     """
     cells, sides, labels = _elements(raw, np.arange(len(raw.cells)))
-    nodes, owner = _borders(raw.kind, cells, sides, np.zeros_like(labels))
+    nodes, owner = borders(raw.kind, cells, sides, np.zeros_like(labels))
     places = raw.points[nodes]
     normals = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -131,7 +132,7 @@ def _moved(
     kind: str, points: np.ndarray, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray, way: str
 ) -> np.ndarray | None:
     """Coordinates after an optimiser of gmsh moved nodes inside of cells with one label; None if it failed."""
-    held = _borders(kind, cells, sides, labels)[0]
+    held = borders(kind, cells, sides, labels)[0]
     listed = [frozenset(edge) for edge in EDGES[kind]]
     order = [listed.index(frozenset(edge)) for edge in EDGE_ORDERS["gmsh"].get(kind, EDGES[kind])]
     whole = np.hstack([cells, sides[:, order]])

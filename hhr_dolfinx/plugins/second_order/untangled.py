@@ -1,7 +1,7 @@
 """Mesh files whose folded cells of second order are straightened, or untangled by gmsh.
 
-Generators curve the sides of cells that lie on a curved surface and leave the others straight. If a cell is thinner than
-the arc is high, these sides cross.
+Generators curve the sides of cells that lie on a curved surface and leave the others straight. If a cell is thinner
+than the arc is high, these sides cross.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,6 +21,7 @@ from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import EDGES
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.second_order.by_gmsh import borders, optimised
 from hhr_dolfinx.warn import warn
 
 HOWS = ("straight", "gmsh")
@@ -28,7 +30,7 @@ BAD = 0.1
 PARTS = 10
 """Number of equal parts of the way to the middle of a side by which its node moves."""
 LATTICE = 4
-"""Degree of the cell at whose nodes Jacobians are evaluated: those of degree 2, which a scene checks, are among them."""
+"""Degree of the cell at whose nodes Jacobians are evaluated; they include those of degree 2, which a scene checks."""
 AT_ONCE = 8192
 """Number of cells whose Jacobians are evaluated at once, for memory."""
 SAME = 1e-9
@@ -39,13 +41,16 @@ SAME = 1e-9
 class Untangled(MeshFile):
     """A mesh file of second order whose folded or nearly folded cells are mended, which a MeshWarning reports.
 
-    Corners stay. With ``how="straight"`` nodes on sides of such cells move towards the middles of these sides, by tenths
-    of the way, until no cell is folded: a curved surface loses a part of its curvature there, and nowhere else. Nodes at
-    the same place move as one, so that surfaces with matching nodes still match.
+    With ``how="straight"`` nodes on sides of such cells move towards the middles of these sides, by tenths of the way,
+    until no cell is folded; corners stay. A curved surface loses a part of its curvature there, and nowhere else. Nodes
+    at the same place move as one, so that surfaces with matching nodes still match.
+
+    With ``how="gmsh"`` the optimiser of gmsh moves nodes inside of bodies, corners too, and in flat sides; those on
+    curved surfaces and between bodies stay. The sides of cells that it leaves folded are straightened.
 
     Attributes:
         mesh: path of the file, or a mesh file such as ``CutMesh("part.msh", sections=("cut",))``.
-        how: ``straight``, or ``gmsh`` for the optimiser of gmsh, which keeps the nodes on curved surfaces.
+        how: ``straight`` or ``gmsh``.
     """
 
     path: Path | str = field(init=False, repr=False)
@@ -68,27 +73,40 @@ class Untangled(MeshFile):
             return raw
         if raw.points.shape[1] != raw.dim:  # a surface in space, which a scene refuses
             return raw
-        found, bad = mended(raw, f"{self.path}", self.how)
-        if bad.size:
-            self._report(raw, found, bad)
-        return found
+        found = mended(raw, f"{self.path}", self.how)
+        if found.bad.size:
+            self._report(raw, found)
+        return found.raw
 
-    def _report(self, raw: RawMesh, found: RawMesh, bad: np.ndarray) -> None:
-        moves = np.linalg.norm(found.points - raw.points, axis=1) * self.scale
-        place = raw.points[raw.cells[bad[0]]].mean(axis=0) * self.scale
+    def _report(self, raw: RawMesh, found: Mended) -> None:
+        moves = np.linalg.norm(found.raw.points - raw.points, axis=1) * self.scale
+        outside = moves[borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]].max()
+        place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
+        left = found.straightened.size
+        rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
-            f"{len(bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}): {np.count_nonzero(moves)} nodes on sides of cells moved, "
-            f"by {moves.max():.3g} at most. Thicker or shorter cells along curved surfaces need no mending",
+            f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
+            f"{place.tolist()}, and are mended ({self.how}{rest}): {np.count_nonzero(moves)} nodes moved, by "
+            f"{moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter "
+            "along curved surfaces need no mending",
             MeshWarning,
         )
 
 
-def mended(raw: RawMesh, name: str, how: str = "straight") -> tuple[RawMesh, np.ndarray]:
-    """The mesh of a file called ``name`` with mended cells, and the rows of those that were folded or nearly so.
+class Mended(NamedTuple):
+    """A mesh without folded cells, the rows of cells that were folded or nearly so, and of those straightened."""
+
+    raw: RawMesh
+    bad: np.ndarray
+    straightened: np.ndarray
+
+
+def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
+    """The mesh of a file called ``name`` without folded cells.
 
     Raises:
         FileContentError: for cells that are folded by their corners alone.
+        MissingPackageError: without gmsh, if it is asked for and needed.
     """
     sides = _Sides.of(raw)
     _refuse_corners(raw, name, sides)
@@ -98,13 +116,11 @@ def mended(raw: RawMesh, name: str, how: str = "straight") -> tuple[RawMesh, np.
         start = _by_gmsh(raw)
         sides = _Sides.of(start)
     left = sides.bad(sides.curved, start.points)
-    return replace(raw, points=_straightened(start, sides, left)), bad
+    return Mended(replace(raw, points=_straightened(start, sides, left)), bad, left)
 
 
 def _by_gmsh(raw: RawMesh) -> RawMesh:
     """The mesh after gmsh mended as many cells as it can."""
-    from hhr_dolfinx.plugins.second_order.by_gmsh import optimised
-
     same = _coinciding(raw.points, np.arange(len(raw.points)))
 
     def bad(points: np.ndarray) -> int:
@@ -207,8 +223,8 @@ def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
     if wrong.any():
         place = raw.points[raw.cells[wrong][0]].mean(axis=0).tolist()
         raise FileContentError(
-            f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around {place}, which straight "
-            "sides do not mend: move their corners, or mesh anew"
+            f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around {place}: straight "
+            "sides do not mend them. Move their corners, or mesh anew"
         )
 
 
