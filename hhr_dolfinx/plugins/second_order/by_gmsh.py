@@ -17,28 +17,41 @@ from hhr_dolfinx.geometries import high_order
 from hhr_dolfinx.geometries.cells import EDGE_ORDERS, EDGES, FACES
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-WAYS = ("HighOrder", "HighOrderElastic")
-"""Optimisers of gmsh, in the order in which they are tried. The first one may fail; the second one solves for an
-elastic body, and may leave cells folded. ``HighOrderFastCurving`` mended few cells and folded others."""
+WAYS = {2: ("HighOrder", "HighOrderElastic"), 3: ("HighOrderElastic", "HighOrder")}
+"""Optimisers of gmsh in the order in which they are tried, by the dimension of cells.
+
+The first one moves nodes least, and in space may fail or take long: it did not end in minutes on 92,000 tetrahedra, of
+which the second one, an elastic body, mended all 1,440 folded ones in 3 s. ``HighOrderFastCurving`` mended few cells
+and folded others.
+"""
 ELEMENTS = {"line": 8, "triangle": 9, "quadrilateral": 16, "tetrahedron": 11, "hexahedron": 17}
 """Numbers in gmsh of elements of second order with nodes on their edges and no others."""
 FACETS = {"triangle": "line", "quadrilateral": "line", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 FLAT = 1e-9
 """Deviation of a facet from its plane, and of unit normals, below which facets lie in one plane."""
+LAYERS = 5
+"""Layers of cells around bad ones whose nodes may move."""
+SECONDS = 60.0
+"""Longest duration of one run of an optimiser."""
 OF_MPI = ("OMPI_", "PMIX_", "PMI_", "HYDI_", "MPI")
 """Beginnings of variables of the environment that make a child process a rank."""
 
 
-def optimised(raw: RawMesh, matched: np.ndarray, bad: Callable[[np.ndarray], int]) -> np.ndarray:
+def optimised(
+    raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable[[np.ndarray], int], seconds: float = SECONDS
+) -> np.ndarray:
     """Coordinates of all nodes, (nodes, dim), with the fewest bad cells that gmsh reaches.
 
-    Nodes on curved surfaces and between bodies stay. In space those on flat sides of bodies move in their plane first,
-    unless other nodes are at the same place, ``matched``: with folded facets on a surface no cell inside can be mended.
+    Nodes of :data:`LAYERS` layers of cells around the bad ones move. Those on curved surfaces and between bodies stay.
+    In space those on flat sides of bodies move in their plane first, unless other nodes are at the same place,
+    ``matched``: with folded facets on a surface no cell inside can be mended.
 
     Args:
         raw: the mesh.
+        rows: rows of the bad cells.
         matched: True for nodes whose place other nodes share, (nodes,).
         bad: function that returns the number of bad cells for coordinates of all nodes.
+        seconds: longest duration of one run of an optimiser.
 
     Raises:
         MissingPackageError: without gmsh.
@@ -47,11 +60,14 @@ def optimised(raw: RawMesh, matched: np.ndarray, bad: Callable[[np.ndarray], int
         import importlib
 
         importlib.import_module("gmsh")
+    near = _around(raw, rows)
+    labels = _labels(raw)
     found = raw.points
     least = bad(found)
-    for points in _starts(raw, matched):
-        for way in WAYS:
-            new = _moved(raw.kind, points, *_elements(raw, np.arange(len(raw.cells))), way)
+    for points in _starts(raw, near, labels, matched, seconds):
+        for way in WAYS[raw.dim]:
+            patch = raw.cells[near], np.asarray(raw.sides)[near], labels[near]
+            new = _moved(raw.kind, points, *patch, way, seconds)
             if new is not None and (left := bad(new)) < least:
                 found, least = new, left
             if not least:
@@ -59,12 +75,23 @@ def optimised(raw: RawMesh, matched: np.ndarray, bad: Callable[[np.ndarray], int
     return found
 
 
-def _starts(raw: RawMesh, matched: np.ndarray) -> Iterator[np.ndarray]:
+def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
+    """Rows of the cells of some layers around cells."""
+    inside = np.zeros(len(raw.points), dtype=bool)
+    for _ in range(LAYERS):
+        inside[raw.cells[rows]] = True
+        rows = np.flatnonzero(inside[raw.cells].any(axis=1))
+    return rows
+
+
+def _starts(
+    raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray, seconds: float
+) -> Iterator[np.ndarray]:
     """Coordinates to begin with: those after nodes moved in flat sides of bodies, and those of the file."""
     if raw.dim == 3:
-        facets, sides, labels = _flat(raw, matched)
+        facets, sides, planes = _flat(raw, near, labels, matched)
         if len(facets):
-            new = _moved(FACETS[raw.kind], raw.points, facets, sides, labels, WAYS[0])
+            new = _moved(FACETS[raw.kind], raw.points, facets, sides, planes, WAYS[2][0], seconds)
             if new is not None:
                 yield new
     yield raw.points
@@ -76,11 +103,6 @@ def _labels(raw: RawMesh) -> np.ndarray:
     for column, rows in enumerate(raw.bodies.values()):
         inside[rows, column] = True
     return np.unique(inside, axis=0, return_inverse=True)[1].ravel()
-
-
-def _elements(raw: RawMesh, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, nodes on sides, and labels of cells."""
-    return raw.cells[rows], np.asarray(raw.sides)[rows], _labels(raw)[rows]
 
 
 def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,13 +128,16 @@ def borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray)
     return np.hstack([corners, middles])[border], owner[border]
 
 
-def _flat(raw: RawMesh, matched: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, nodes on sides, and labels of the outer facets of bodies that lie in a plane, without matched nodes.
+def _flat(
+    raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corners, nodes on sides, and labels of the outer facets of some cells that lie in a plane, without matched nodes.
 
     Facets in the same plane and of the same bodies have the same label.
     """
-    cells, sides, labels = _elements(raw, np.arange(len(raw.cells)))
-    nodes, owner = borders(raw.kind, cells, sides, np.zeros_like(labels))
+    nodes, owner = borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros_like(labels))
+    own = np.isin(owner, near)
+    nodes, owner = nodes[own], owner[own]
     places = raw.points[nodes]
     normals = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -129,7 +154,13 @@ def _flat(raw: RawMesh, matched: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _moved(
-    kind: str, points: np.ndarray, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray, way: str
+    kind: str,
+    points: np.ndarray,
+    cells: np.ndarray,
+    sides: np.ndarray,
+    labels: np.ndarray,
+    way: str,
+    seconds: float,
 ) -> np.ndarray | None:
     """Coordinates after an optimiser of gmsh moved nodes inside of cells with one label; None if it failed."""
     held = borders(kind, cells, sides, labels)[0]
@@ -143,11 +174,13 @@ def _moved(
     places[:, : points.shape[1]] = points[used]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.npz"
-        np.savez(file, points=places, cells=which.reshape(whole.shape), held=numbers[held],
-                 kinds=[ELEMENTS[kind], ELEMENTS[FACETS[kind]]])  # fmt: skip
+        kinds = [ELEMENTS[kind], ELEMENTS[FACETS[kind]]]
+        np.savez(file, points=places, cells=which.reshape(whole.shape), held=numbers[held], kinds=kinds)
         environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)}
         command = [sys.executable, "-P", high_order.__file__, str(file), way]
-        if subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=False).returncode:
+        try:
+            subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=True, timeout=seconds)
+        except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None
         with np.load(file) as new:
             found = points.copy()

@@ -86,7 +86,7 @@ class Untangled(MeshFile):
         rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
             f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}{rest}): {np.count_nonzero(moves)} nodes moved, by "
+            f"{place.tolist()}, and are mended ({self.how}{rest}): {np.count_nonzero(moves > SAME * moves.max())} nodes moved, by "
             f"{moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter "
             "along curved surfaces need no mending",
             MeshWarning,
@@ -113,17 +113,17 @@ def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
     bad = sides.bad(sides.curved, raw.points)
     start = raw
     if how == "gmsh" and bad.size:
-        start = _by_gmsh(raw)
+        start = _by_gmsh(raw, bad)
         sides = _Sides.of(start)
     left = sides.bad(sides.curved, start.points)
     return Mended(replace(raw, points=_straightened(start, sides, left)), bad, left)
 
 
-def _by_gmsh(raw: RawMesh) -> RawMesh:
-    """The mesh after gmsh mended as many cells as it can."""
+def _by_gmsh(raw: RawMesh, rows: np.ndarray) -> RawMesh:
+    """The mesh after gmsh mended as many of its bad cells as it can, by their rows."""
     same = _coinciding(raw.points, np.arange(len(raw.points)))
 
-    def bad(points: np.ndarray) -> int:
+    def count(points: np.ndarray) -> int:
         try:
             sides = _Sides.of(replace(raw, points=points))
             _refuse_corners(sides.raw, "gmsh", sides)
@@ -131,7 +131,7 @@ def _by_gmsh(raw: RawMesh) -> RawMesh:
             return len(raw.cells) + 1
         return len(sides.bad(sides.curved, points))
 
-    return replace(raw, points=optimised(raw, (np.bincount(same) > 1)[same], bad))
+    return replace(raw, points=optimised(raw, rows, (np.bincount(same) > 1)[same], count))
 
 
 def folded(raw: RawMesh) -> np.ndarray:
