@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -37,9 +38,7 @@ OF_MPI = ("OMPI_", "PMIX_", "PMI_", "HYDI_", "MPI")
 """Beginnings of variables of the environment that make a child process a rank."""
 
 
-def optimised(
-    raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable[[np.ndarray], int], seconds: float = SECONDS
-) -> np.ndarray:
+def optimised(raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable[[np.ndarray], int]) -> np.ndarray:
     """Coordinates of all nodes, (nodes, dim), with the fewest bad cells that gmsh reaches.
 
     Nodes of :data:`LAYERS` layers of cells around the bad ones move. Those on curved surfaces and between bodies stay.
@@ -51,23 +50,20 @@ def optimised(
         rows: rows of the bad cells.
         matched: True for nodes whose place other nodes share, (nodes,).
         bad: function that returns the number of bad cells for coordinates of all nodes.
-        seconds: longest duration of one run of an optimiser.
 
     Raises:
         MissingPackageError: without gmsh.
     """
     with extra("mesh", "Untangled(how='gmsh')"):
-        import importlib
-
         importlib.import_module("gmsh")
     near = _around(raw, rows)
     labels = _labels(raw)
     found = raw.points
     least = bad(found)
-    for points in _starts(raw, near, labels, matched, seconds):
+    for points in _starts(raw, near, labels, matched):
         for way in WAYS[raw.dim]:
             patch = raw.cells[near], np.asarray(raw.sides)[near], labels[near]
-            new = _moved(raw.kind, points, *patch, way, seconds)
+            new = _moved(raw.kind, points, *patch, way)
             if new is not None and (left := bad(new)) < least:
                 found, least = new, left
             if not least:
@@ -84,14 +80,12 @@ def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _starts(
-    raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray, seconds: float
-) -> Iterator[np.ndarray]:
+def _starts(raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray) -> Iterator[np.ndarray]:
     """Coordinates to begin with: those after nodes moved in flat sides of bodies, and those of the file."""
     if raw.dim == 3:
         facets, sides, planes = _flat(raw, near, labels, matched)
         if len(facets):
-            new = _moved(FACETS[raw.kind], raw.points, facets, sides, planes, WAYS[2][0], seconds)
+            new = _moved(FACETS[raw.kind], raw.points, facets, sides, planes, WAYS[2][0])
             if new is not None:
                 yield new
     yield raw.points
@@ -110,8 +104,9 @@ def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray
     own = [frozenset(edge) for edge in EDGES[kind]]
     ends = [face if len(face) == 2 else (*face, face[0]) for face in FACES[kind]]
     edges = [[own.index(frozenset(pair)) for pair in pairwise(face)] for face in ends]
-    width, count = len(FACES[kind][0]), len(edges[0])
-    return cells[:, np.array(FACES[kind])].reshape(-1, width), sides[:, np.array(edges)].reshape(-1, count)
+    corners = cells[:, np.array(FACES[kind])]
+    middles = sides[:, np.array(edges)]
+    return corners.reshape(-1, corners.shape[2]), middles.reshape(-1, middles.shape[2])
 
 
 def borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +132,7 @@ def _flat(
     """
     nodes, owner = borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros_like(labels))
     own = np.isin(owner, near)
-    nodes, owner = nodes[own], owner[own]
+    nodes = nodes[own]
     places = raw.points[nodes]
     normals = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -146,7 +141,7 @@ def _flat(
     # opposite normals of one plane are the same
     axis = np.abs(normals).argmax(axis=1)
     normals *= np.sign(np.take_along_axis(normals, axis[:, None], axis=1))
-    planes = np.column_stack([normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner]])
+    planes = np.column_stack([normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner[own]]])
     kept = (off < FLAT * size) & ~matched[nodes].any(axis=1)
     same = np.unique((planes[kept] / (1e3 * FLAT)).round(), axis=0, return_inverse=True)[1].ravel()
     width = len(FACES[raw.kind][0])
@@ -160,7 +155,6 @@ def _moved(
     sides: np.ndarray,
     labels: np.ndarray,
     way: str,
-    seconds: float,
 ) -> np.ndarray | None:
     """Coordinates after an optimiser of gmsh moved nodes inside of cells with one label; None if it failed."""
     held = borders(kind, cells, sides, labels)[0]
@@ -179,7 +173,7 @@ def _moved(
         environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)}
         command = [sys.executable, "-P", high_order.__file__, str(file), way]
         try:
-            subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=True, timeout=seconds)
+            subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=True, timeout=SECONDS)
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None
         with np.load(file) as new:

@@ -83,11 +83,11 @@ class Untangled(MeshFile):
         outside = moves[borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]].max()
         place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
         left = found.straightened.size
+        moved = np.count_nonzero(moves > SAME * moves.max())
         rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
             f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}{rest}): {np.count_nonzero(moves > SAME * moves.max())} nodes moved, by "
-            f"{moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter "
+            f"{place.tolist()}, and are mended ({self.how}{rest}): {moved} nodes moved, by {moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter "
             "along curved surfaces need no mending",
             MeshWarning,
         )

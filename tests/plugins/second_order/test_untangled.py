@@ -18,6 +18,7 @@ from hhr_dolfinx.command.loading import scene_of
 from hhr_dolfinx.errors import FileContentError, MeshWarning, MissingPackageError, SceneError, SceneWarning
 from hhr_dolfinx.geometries.cells import DIMENSION, EDGES, FACES, outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.second_order import by_gmsh
 from hhr_dolfinx.plugins.second_order.untangled import folded, mended
 
 KINDS = sorted(DIMENSION)
@@ -385,3 +386,16 @@ def test_start_writes_it_and_check_names_it(kind, tmp_path):
     np.testing.assert_allclose(moved[top], -0.002 * (1.0 if dim == 3 else 1 - POISSON**2), rtol=1e-9)
     code, said = invoke("check", path.with_suffix(".py"), "--picture", tmp_path / "block.png")
     assert code == 0 and "were folded or nearly so" in " ".join(said.split()), said
+
+
+def test_gmsh_may_fail(tmp_path, monkeypatch):
+    """A run that takes too long, and one that ends its process, leave the cells to be straightened."""
+    path = disc(tmp_path / "disc.inp", "triangle")
+    expected = mended(hhr.MeshFile(path).read(), "disc").raw.points
+    with monkeypatch.context() as patch:
+        patch.setattr(by_gmsh, "SECONDS", 0.0)
+        with pytest.warns(MeshWarning, match=r"\(gmsh; sides of 2 that gmsh left folded are straightened\)"):
+            np.testing.assert_array_equal(hhr.Untangled(path, how="gmsh").read().points, expected)
+    monkeypatch.setattr(by_gmsh, "WAYS", {2: ("Nothing",)})
+    with pytest.warns(MeshWarning, match=r"left folded are straightened"):
+        np.testing.assert_array_equal(hhr.Untangled(path, how="gmsh").read().points, expected)
