@@ -87,8 +87,9 @@ class Untangled(MeshFile):
         rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
             f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}{rest}): {moved} nodes moved, by {moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter "
-            "along curved surfaces need no mending",
+            f"{place.tolist()}, and are mended ({self.how}{rest}): {moved} nodes moved, by {moves.max():.3g} at most, "
+            f"on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter along curved surfaces need "
+            "no mending",
             MeshWarning,
         )
 
