@@ -134,7 +134,7 @@ class SceneWarning(UserWarning):
 
 
 class MeshWarning(UserWarning):
-    """Nodes of a mesh file moved, so that its cells are valid."""
+    """Nodes of a mesh file are displaced so that its cells are valid."""
 
 
 class SnapshotFileWarning(UserWarning):

@@ -63,7 +63,7 @@ def optimised(raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable
     for points in _starts(raw, near, labels, matched):
         for way in WAYS[raw.dim]:
             patch = raw.cells[near], np.asarray(raw.sides)[near], labels[near]
-            new = _moved(raw.kind, points, *patch, way)
+            new = _optimised(raw.kind, points, *patch, way)
             if new is not None and (left := bad(new)) < least:
                 found, least = new, left
             if not least:
@@ -81,11 +81,11 @@ def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
 
 
 def _starts(raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray) -> Iterator[np.ndarray]:
-    """Coordinates to begin with: those after nodes moved in flat sides of bodies, and those of the file."""
+    """Coordinates to begin with: those after moves in flat sides of bodies, and those of the file."""
     if raw.dim == 3:
         facets, sides, planes = _flat(raw, near, labels, matched)
         if len(facets):
-            new = _moved(FACETS[raw.kind], raw.points, facets, sides, planes, WAYS[2][0])
+            new = _optimised(FACETS[raw.kind], raw.points, facets, sides, planes, WAYS[2][0])
             if new is not None:
                 yield new
     yield raw.points
@@ -148,7 +148,7 @@ def _flat(
     return nodes[kept, :width], nodes[kept, width:], same
 
 
-def _moved(
+def _optimised(
     kind: str,
     points: np.ndarray,
     cells: np.ndarray,
@@ -156,7 +156,7 @@ def _moved(
     labels: np.ndarray,
     way: str,
 ) -> np.ndarray | None:
-    """Coordinates after an optimiser of gmsh moved nodes inside of cells with one label; None if it failed."""
+    """Coordinates after an optimiser of gmsh moves nodes inside of cells with one label; None if it failed."""
     held = borders(kind, cells, sides, labels)[0]
     listed = [frozenset(edge) for edge in EDGES[kind]]
     order = [listed.index(frozenset(edge)) for edge in EDGE_ORDERS["gmsh"].get(kind, EDGES[kind])]

@@ -83,11 +83,11 @@ class Untangled(MeshFile):
         outside = moves[borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]].max()
         place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
         left = found.straightened.size
-        moved = np.count_nonzero(moves > SAME * moves.max())
+        count = np.count_nonzero(moves > SAME * moves.max())
         rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
             f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}{rest}): {moved} nodes moved, by {moves.max():.3g} at most, "
+            f"{place.tolist()}, and are mended ({self.how}{rest}): {count} nodes move, by {moves.max():.3g} at most, "
             f"on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter along curved surfaces need "
             "no mending",
             MeshWarning,
@@ -107,7 +107,7 @@ def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
 
     Raises:
         FileContentError: for cells that are folded by their corners alone.
-        MissingPackageError: without gmsh, if it is asked for and needed.
+        MissingPackageError: without gmsh, if it is needed.
     """
     sides = _Sides.of(raw)
     _refuse_corners(raw, name, sides)
@@ -239,10 +239,10 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
     same = _coinciding(points, np.unique(sides.nodes))
     parts = np.zeros(len(points), dtype=np.int64)
     while bad.size:
-        moved = np.isin(same, same[sides.nodes[bad]])
-        parts[moved] = np.minimum(parts[moved] + 1, PARTS)
+        moving = np.isin(same, same[sides.nodes[bad]])
+        parts[moving] = np.minimum(parts[moving] + 1, PARTS)
         points = raw.points + (parts / PARTS)[:, None] * (sides.middles - raw.points)
-        touched = sides.curved[moved[sides.nodes[sides.curved]].any(axis=1)]
+        touched = sides.curved[moving[sides.nodes[sides.curved]].any(axis=1)]
         bad = sides.bad(touched, points)
     return points
 
