@@ -22,7 +22,7 @@ WAYS = {2: ("HighOrder", "HighOrderElastic"), 3: ("HighOrderElastic", "HighOrder
 """Optimisers of gmsh in the order in which they are tried, by the dimension of cells.
 
 The first one moves nodes least, and in space may fail or take long: it did not end in minutes on 92,000 tetrahedra, of
-which the second one, an elastic body, mended all 1,440 folded ones in 3 s. ``HighOrderFastCurving`` mended few cells
+which the second one, an elastic body, mended all 1,440 folded ones in 5 s. ``HighOrderFastCurving`` mended few cells
 and folded others.
 """
 ELEMENTS = {"line": 8, "triangle": 9, "quadrilateral": 16, "tetrahedron": 11, "hexahedron": 17}
