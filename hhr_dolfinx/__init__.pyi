@@ -102,6 +102,7 @@ from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.places.places import NodalForce as NodalForce
 from .plugins.places.places import Nodes as Nodes
 from .plugins.places.places import Springs as Springs
+from .plugins.second_order.untangled import Untangled as Untangled
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy

@@ -8,7 +8,17 @@ _FIELD = "hhr_dolfinx.plugins.decks.temperatures"
 
 PLUGIN = Plugin(
     name="decks",
-    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints", "obstacles"),
+    needs=(
+        "places",
+        "mortar",
+        "friction",
+        "inelastic",
+        "volume_loads",
+        "checks",
+        "constraints",
+        "obstacles",
+        "second_order",
+    ),
     public={_LOADS: "NodalForces", _MESH: "WithOutside", _FIELD: "DeckTemperatures"},
     parts={
         "loads": {_LOADS: "NodalForces"},

@@ -108,3 +108,4 @@ class Deck:
     constraints: tuple[Load, ...] = ()
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
     history: History | None = None  # None where the end of the last step is all that counts
+    folded: bool = False  # True for a mesh with folded cells of second order

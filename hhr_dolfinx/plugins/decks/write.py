@@ -53,10 +53,11 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
 
 
 def _geometry(deck: Deck) -> str:
-    if deck.cuts:
-        return f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
     outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
-    return "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    text = "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    if deck.cuts:
+        text = f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
+    return f"hhr.Untangled({text})" if deck.folded else text
 
 
 def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
