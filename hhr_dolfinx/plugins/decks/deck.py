@@ -66,6 +66,7 @@ class Pair:
     source: str
     gap: float = 0.0
     motion: tuple[float, ...] = ()
+    origin: tuple[float, ...] = ()  # place without the motion, empty for zeros
     direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
 
 

@@ -93,13 +93,19 @@ def _body(item: Section, of: Mapping[Item, str]) -> str:
 
 def _pair(pair: Pair, of: Mapping[Item, str]) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
-    place: tuple[float | str, ...] = pair.motion
+    origin = pair.origin or (0.0,) * len(pair.motion)
+    place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
     if pair in of:
         # the amplitude of the length of the motion: a name, or a name and its factor
         name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", of[pair])[0]
         parts = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
-        place = tuple(f"{part!r} * {name}" if part else 0.0 for part in parts)
+        place = tuple(_moved(a, part, name) for a, part in zip(origin, parts, strict=True))
     return f"{pair.text.replace('{}', friction).replace('{place}', repr(place))},  # {pair.source}"
+
+
+def _moved(start: float, part: float, name: str) -> float | str:
+    """A coordinate that follows a parameter."""
+    return (f"{start!r} + {part!r} * {name}" if start else f"{part!r} * {name}") if part else start
 
 
 def _constraint(item: Load, of: Mapping[Item, str]) -> str:

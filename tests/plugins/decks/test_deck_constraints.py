@@ -297,3 +297,36 @@ def test_check_knows_the_places_of_constraints(tmp_path):
         notes = [one.text for one in found if one.level == NOTE and "nothing names" in one.text]
         idle.append(set(notes[0].rpartition(": ")[2].split(", ")))
     assert "BAR_X1" in idle[0] and idle[1] == idle[2] == idle[0] - {"BAR_X1"}
+
+
+ROUND = {
+    "ball": ("REVOLUTION, FILLET RADIUS=.1", "2., .5, 6., 2., .5, 7.\nSTART, 5., 0.\nCIRCL, 0., -5., 0., 0.\n",
+             {"kind": "Sphere", "center": (2.0, 0.5, "6 - down"), "radius": 5.0}),
+    "roller": ("CYLINDER", "2., .5, 6., 3., .5, 6.\n2., 1., 6.\nSTART, -5., 0.\nCIRCL, 0., -5., 0., 0.\n"
+               "CIRCL, 5., 0., 0., 0.\n",
+               {"kind": "Cylinder", "point": (2.0, 0.5, "6 - down"), "axis": (0, 1, 0), "radius": 5.0}),
+    "cone": ("REVOLUTION", "2.1, .4, 1., 2.1, .4, 2.\nSTART, 0., 0.\nLINE, 30., 0.3\n",
+             {"kind": "Cone", "tip": (2.1, 0.4, "1 - down"), "axis": (0, 0, 1), "angle": np.rad2deg(np.arctan(100.0))}),
+}  # fmt: skip
+"""Analytical rigid surfaces above a bar of 4 x 1 x 1, which they touch in its middle."""
+
+
+@needs("obstacles")
+@pytest.mark.parametrize("name", ROUND)
+def test_analytical_rigid_surfaces_in_space(name, tmp_path):
+    """They press as spheres, cylinders and cones do; arcs and turns of facets are off by 1e-3 at most."""
+    kind, lines, exact = ROUND[name]
+    tool = f"*NODE\n900, 2., .5, 9.\n*SURFACE, TYPE={kind}, NAME=TOOL\n{lines}"
+    tool += "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900\n*SURFACE INTERACTION, NAME=I\n"
+    tool += "*CONTACT PAIR, INTERACTION=I\nBAR_TOP, TOOL\n*STEP"
+    text = bar("*BOUNDARY\n900, 3, 3, -0.01", cells=(8, 2, 2)).replace("*STEP", tool, 1)
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output
+    exact = dict(exact)
+    obstacle = getattr(hhr, exact.pop("kind"))("BAR_TOP", **exact)
+    reference = replace(scene, contacts=(obstacle,), parameters=hhr.ParameterSpace(("down",), (0.0,), (0.02,)))
+    answer = solved(scene)[1]
+    known = hhr.FullOrderModel(reference).solve([0.01])
+    assert known.forces().sum() > 0.01
+    assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=2e-3)
+    assert answer.active.sum() == known.active.sum()
