@@ -80,25 +80,32 @@ def opened(path: Path) -> Any:
 def read_by_meshio(path: Path) -> RawMesh:
     """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
     mesh = opened(path)
+    arrays = _arrays(mesh.cell_data)
     elements = [
-        Elements(block.type, np.asarray(block.data), _arrays(mesh.cell_data, k), _places(mesh.cell_sets, k))
+        Elements(
+            block.type,
+            np.asarray(block.data),
+            {name: blocks[k] for name, blocks in arrays.items()},
+            _places(mesh.cell_sets, k),
+        )
         for k, block in enumerate(mesh.cells)
     ]
     names = _physical_names(path) or _names_of_fields(mesh.field_data)
     names += [(name, (int(number), -1)) for number, own in getattr(mesh, "cell_tags", {}).items() for name in own]
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
-    fields = [name for name in mesh.point_data if not name.startswith("gmsh:")]
+    fields = [name for name in mesh.point_data if not name.startswith(("gmsh:", "medit:"))]
     left_out: dict[str | int, str] = {"values at nodes": ", ".join(fields)} if fields else {}
     return raw_mesh(mesh.points, elements, path, names=[*names, *_markers_of_su2(path)], nodes=nodes, left_out=left_out)
 
 
-def _arrays(data: Mapping[str, Sequence[np.ndarray]], k: int) -> dict[str, np.ndarray]:
-    """Integers of the elements of a block in the arrays of a mesh, (b,), by name."""
+def _arrays(data: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
+    """Arrays of a mesh with an integer for each element of all blocks, (b,) each, by name."""
     found = {}
     for name, blocks in data.items():
-        values = np.asarray(blocks[k])
-        if values.size == len(values) and (whole := whole_numbers(values.ravel())) is not None:
-            found[name] = whole
+        values = [np.asarray(own) for own in blocks]
+        whole = [whole_numbers(own.ravel()) for own in values if own.size == len(own)]
+        if len(kept := [own for own in whole if own is not None]) == len(values):
+            found[name] = kept
     return found
 
 
@@ -283,7 +290,10 @@ def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, i
     for block in blocks:
         dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)
         sets, _ = _sets([block], dim, names)
+        named = {number for _, (number, of) in names if of in (dim, -1)}
+        grouped = block.numbers.get("gmsh:physical", _ONE[:0]).any()
         for name, rows in sets.items():
-            if isinstance(name, str):
-                found[name] = np.union1d(found.get(name, rows[:0]), block.nodes[rows].ravel())
+            key = name if isinstance(name, str) else f"nodes {name}" if grouped and name not in named else ""
+            if key:
+                found[key] = np.union1d(found.get(key, rows[:0]), block.nodes[rows].ravel())
     return found

@@ -24,6 +24,8 @@ KINDS = {
     "quad": "quadrilateral", "quad8": "quadrilateral", "quad9": "quadrilateral",
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
+    "VTK_LAGRANGE_TRIANGLE": "triangle", "VTK_LAGRANGE_QUADRILATERAL": "quadrilateral",
+    "VTK_LAGRANGE_TETRAHEDRON": "tetrahedron", "VTK_LAGRANGE_HEXAHEDRON": "hexahedron",
 }  # fmt: skip
 """Supported kinds of cells, by meshio's names."""
 OTHERS = {"wedge": "prism", "pyramid": "pyramid"}

@@ -1,4 +1,4 @@
-"""Mesh files of code_aster (``.mail``), FEBio (``.feb``), LS-DYNA (``.k``) and Kratos (``.mdpa``)."""
+"""Mesh files of code_aster, FEBio, LS-DYNA, Kratos, I-DEAS (``.unv``), Nastran (``.bdf``) and VTK (``.vtu``)."""
 
 from hhr_dolfinx.registry import Plugin
 
@@ -12,5 +12,9 @@ PLUGIN = Plugin(
         ".k": f"{_HERE}.ls_dyna:read_keywords",
         ".key": f"{_HERE}.ls_dyna:read_keywords",
         ".mdpa": f"{_HERE}.kratos:read_mdpa",
+        ".vtu": f"{_HERE}.vtu:read_vtu",
+        ".unv": f"{_HERE}.ideas:read_unv",
+        ".bdf": f"{_HERE}.nastran:read_nastran",
+        ".nas": f"{_HERE}.nastran:read_nastran",
     },
 )
