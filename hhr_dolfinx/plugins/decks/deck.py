@@ -94,3 +94,4 @@ class Deck:
     seconds: float = 1.0  # duration of all steps, for laws with rates
     constraints: tuple[Load, ...] = ()
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
+    sides: bool = False  # names of sides of bodies that the file does not have are used

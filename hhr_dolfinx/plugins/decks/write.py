@@ -50,6 +50,8 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
 def _geometry(deck: Deck) -> str:
     if deck.cuts:
         return f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
+    if deck.sides:
+        return "hhr.WithOutside(MESH, sides=True)"
     outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
     return "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
 

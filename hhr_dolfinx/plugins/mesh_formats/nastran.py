@@ -19,7 +19,7 @@ _LINES = {"CROD": (2,), "CBAR": (2,), "CBEAM": (2,), "CTUBE": (2,), "CBEAM3": (2
 _KINDS = {name: (LOW, counts) for name, counts in _LINES.items()}
 _KINDS |= {name: (PLANE, counts) for name, counts in _PLANES.items()}
 _KINDS |= {name: (SOLID, counts) for name, counts in _SOLIDS.items()}
-_OTHERS = re.compile(r"C(?!ORD)[A-Z]+\d*|RB\w+|RROD|RSPLINE|PLOTEL")
+_OTHERS = re.compile(r"C(?!ORD|END)[A-Z]+\d*|RB\w+|RROD|RSPLINE|PLOTEL")
 
 
 def read_nastran(path: Path) -> RawMesh:
