@@ -48,6 +48,7 @@ class Deck:
         left_out: reasons for unsupported surfaces, by name.
         spelling: names as first written, by kind of set and name in capitals.
         instances: names of the instances whose contents are in the deck.
+        unsorted: names in capitals of sets of nodes that keep the order in which they are given.
     """
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
@@ -61,6 +62,12 @@ class Deck:
     left_out: dict[str | int, str] = field(default_factory=dict)
     spelling: dict[tuple[str, str], str] = field(default_factory=dict)
     instances: list[str] = field(default_factory=list)
+    unsorted: set[str] = field(default_factory=set)
+
+    def members(self, name: str) -> list[int]:
+        """Nodes of a set, each once, by number or in the order in which they are given; empty without the set."""
+        found = dict.fromkeys(self.node_sets.get(name, ()))
+        return list(found) if name in self.unsorted else sorted(found)
 
     def named(self, kind: str, name: str) -> str:
         """A name in capitals, as Abaqus compares them."""
@@ -150,6 +157,8 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
         if keyword == "NSET" and "ELSET" in options:
             elements = deck.element_sets.get(options["ELSET"].upper(), [])
             members = sorted({node for element in elements for node in deck.whole.get(element, ())})
+        if keyword == "NSET" and "UNSORTED" in options:
+            deck.unsorted.add(name)
         sets.setdefault(name, []).extend(members)
     elif keyword == "SURFACE":
         _surface(deck, options, rows)
@@ -196,6 +205,10 @@ def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> Non
         kinds = _COUNTS[2]
     elif name.startswith(_SOLID):
         kinds = _COUNTS[3]
+    counted = _COUNTED.match(name)
+    count = int(counted[1] or counted[2]) if counted else 0
+    if count and count not in kinds:  # such as C3D9
+        kinds = {}
     if not kinds:
         # continuation lines may look like elements; the set then only gets more numbers
         rows = [row for row in rows if row and row[0].isdigit()]
@@ -204,7 +217,7 @@ def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> Non
         deck.types[number] = name
         if not kinds:
             continue
-        if len(nodes) not in kinds:
+        if len(nodes) not in kinds or len(nodes) != (count or len(nodes)):
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
         # the second of three nodes on a line is the middle one
@@ -254,7 +267,7 @@ def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[lis
             if word.isdigit():
                 named = {deck.label(int(word)): [int(word)]}
             else:
-                members = sorted(set(deck.node_sets.get(word.upper(), [])))
+                members = deck.members(word.upper())
                 named = {f"{word} first": members[:1], f"{word} others": members[1:]} if len(members) > 1 else {}
             for end, numbers in named.items():
                 deck.node_sets[deck.named("nset", name_of_loaded(block, [end]))] = numbers

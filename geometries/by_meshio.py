@@ -186,8 +186,8 @@ def raw_mesh(
     if not there:
         kinds = sorted({block.type for block in elements})
         raise FileContentError(
-            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra: it is empty, "
-            "or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
+            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra: it is "
+            "empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
         )
     dim = max(DIMENSION.get(block.kind, 3) for block in there)
     kind, others = one_kind(((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path)
