@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.followers import Followers
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.errors import NotSolvableError, rounded
 from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
@@ -57,7 +57,7 @@ def free_bodies(
         left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
         if len(left):
             tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
-            name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
+            name = f"body {', '.join(tags)} of scene '{scene.name}', around {rounded(points[nodes].mean(axis=0))},"
             found.append(FreeBody(name, nodes, motions, left))
     return found
 
@@ -79,8 +79,8 @@ def check_held(
     left = int((sizes <= ALMOST_NONE * np.sqrt(len(rows))).sum())
     if left:
         raise NotSolvableError(
-            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} ways to move: impose "
-            "displacements that hold them, since constraints need it. If contact holds a body, add soft springs: "
+            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} "
+            f"way{'s' * (left > 1)} to move: impose displacements that hold them, since constraints need it. If contact holds a body, add soft springs: "
             "hhr.Springs(surface, component, stiffness, bedding=True)"
         )
 
@@ -116,7 +116,7 @@ def described(body: FreeBody, ways: np.ndarray) -> str:
     parts = [f"moves along axis {axis}" for axis in along]
     if len(ways) > len(along):
         turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
-        parts.append("turns" if turning else f"moves along {np.round(ways[0, :shifts], 3).tolist()}")
+        parts.append("turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}")
     return ", ".join(parts)
 
 

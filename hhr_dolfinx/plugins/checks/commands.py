@@ -87,6 +87,8 @@ def _contents_of(name: str, picture: Path | None) -> str:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
         found = f"{found}\n  surfaces that face each other, for contacts, with their smallest gaps:\n{lines}{more}"
+    elif not raw.all_surfaces():
+        found = f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
     if picture is not None:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 

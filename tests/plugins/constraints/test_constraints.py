@@ -174,7 +174,7 @@ def test_equations_that_cannot_be_are_refused(constraints, why):
 
 def test_bodies_that_nothing_holds_are_named():
     scene = pressed((hhr.Equation(((hhr.Nodes.near((1.0, 1.0)), 0, 1.0), (hhr.Nodes.near((0.0, 1.0)), 0, -1.0))),), ())
-    with pytest.raises(NotSolvableError, match="leave its bodies 1 ways to move"):
+    with pytest.raises(NotSolvableError, match="leave its bodies 1 way to move"):
         hhr.FullOrderModel(scene)
 
 
