@@ -80,8 +80,8 @@ def check_held(
     if left:
         raise NotSolvableError(
             f"displacements and constraints of scene '{scene.name}' leave its bodies {left} "
-            f"way{'s' * (left > 1)} to move: impose displacements that hold them, since constraints need it. If contact holds a body, add soft springs: "
-            "hhr.Springs(surface, component, stiffness, bedding=True)"
+            f"way{'s' * (left > 1)} to move: impose displacements that hold them, since constraints need it. "
+            "If contact holds a body, add soft springs: hhr.Springs(surface, component, stiffness, bedding=True)"
         )
 
 

@@ -75,8 +75,10 @@ class Contents:
         kept = {str(name): [place[one] for one in own if one in place] for name, own in self.nodes.items()}
         nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in kept.items()}
         there = {name for block in blocks for name in block.sets} | {name for name, rows in kept.items() if rows}
-        lost = {name: own for name, own in [*self.sets.items(), *self.nodes.items()] if own and name not in there}
-        reasons = {name: f"none of its {len(own)} members is in the file" for name, own in lost.items()}
+        named = [*self.sets.items(), *self.nodes.items()]
+        reasons = {
+            key: f"none of its {len(own)} members is in the file" for key, own in named if own and key not in there
+        }
         return raw_mesh(points, blocks, path, nodes=nodes_of, left_out={**reasons, **self.left_out})
 
 
