@@ -31,6 +31,7 @@ class Contents:
         elements: nodes of each element, by meshio's kind and by element.
         sets: elements of each set, by name or number.
         nodes: nodes of each set of nodes, by name.
+        unions: numbers of the sets of elements in each union of such sets, by name.
         left_out: reasons for parts of the file that are not read.
         line: line of the file that is read.
     """
@@ -39,6 +40,7 @@ class Contents:
     elements: dict[str, dict[Hashable, Sequence[Hashable]]] = field(default_factory=dict)
     sets: dict[str | int, list[Hashable]] = field(default_factory=dict)
     nodes: dict[str | int, list[Hashable]] = field(default_factory=dict)
+    unions: dict[str, list[int]] = field(default_factory=dict)
     left_out: dict[str | int, str] = field(default_factory=dict)
     line: int = 0
 

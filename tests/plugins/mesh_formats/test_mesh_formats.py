@@ -356,6 +356,39 @@ def test_grids_of_vtk_of_version_2(tmp_path):
         hhr.MeshFile(path).read()
 
 
+def test_sets_of_solids_parts_and_ranges_of_ls_dyna(tmp_path):
+    more = (
+        "*SET_PART_LIST_TITLE\nBOTH\n5\n1,2\n*SET_SOLID\n6\n2\n*SET_NODE_LIST_GENERATE_TITLE\nTOP\n7\n13,16\n*SET_BEAM"
+    )
+    found = hhr.MeshFile(written(tmp_path / "c.k", keywords("commas").replace("*SET_BEAM", more))).read()
+    assert found.bodies["BOTH"].tolist() == [0, 1] and found.bodies["solids 6"].tolist() == [1]
+    assert found.nodes["TOP"].tolist() == [12, 13, 14, 15]
+    early = "*SET_PART_LIST\n5\n1,2\n*PART"
+    found = hhr.MeshFile(written(tmp_path / "d.k", keywords("commas").replace("*PART", early))).read()
+    assert found.bodies["parts 5"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("kind", ["C3D10", "C3D20R"])
+def test_long_rows_of_ls_dyna(kind, tmp_path):
+    """Twenty nodes after *ELEMENT_SOLID_H20, and ten in rows that end in a comma, as gmsh writes them."""
+    *head, row, last = of_second_order(".k", kind, "exodus" if kind == "C3D20R" else "vtk").splitlines()
+    words = row.split(",")
+    text = "\n".join([*head[:-1], "1,1", ",".join(words[:10]), ",".join(words[10:]), last])
+    text = text.replace("*ELEMENT_SOLID", "*ELEMENT_SOLID_H20")
+    if kind == "C3D10":
+        text = "\n".join([*head[:-1], f"1,1,{','.join(words[:8])},", ",".join(words[8:]), last])
+    found = hhr.MeshFile(written(tmp_path / "c.k", text))(MPI.COMM_SELF)
+    assert degree_of(found[0]) == 2 and size_of(found, 1, 3) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_edges_and_old_names_of_febio(tmp_path):
+    """Edges are sets of nodes in space; files of version 2 call elements by elset."""
+    edge = '<Edge name="EDGE"><line2 id="1">1,2</line2></Edge><NodeSet'
+    text = feb("2.5").replace('name="LOWER"', 'elset="LOWER"').replace("<NodeSet", edge, 1)
+    found = hhr.MeshFile(written(tmp_path / "c.feb", text)).read()
+    assert found.nodes["EDGE"].tolist() == [0, 1] and found.bodies["LOWER"].tolist() == [0]
+
+
 ATTACK = '<!DOCTYPE x [<!ENTITY a "1"><!ENTITY b "&a;&a;&a;">]>\n'
 WRONG = {
     "coordinate.mail": (mail().replace(" 0.0D0", " zero", 1), r"line 6: could not convert string to float: 'ZERO'"),
