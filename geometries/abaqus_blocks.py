@@ -91,15 +91,17 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
     for number, line in lines:
         while line.startswith("*") and line.endswith(","):
             line += next(lines, (0, "*"))[1]
-        found = re.match(r"\*\s*INCLUDE\s*,\s*INPUT\s*=\s*(.*)", line, re.IGNORECASE)
+        found = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
+        include = re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE)
+        if not include:
+            yield number, line
         if found:
+            # of *NODE, *ELEMENT and others the file holds the data
             other = path.parent / found[1].strip().strip('"')
             if not other.is_file() or other in (path, *above):
                 why = "includes itself" if other.is_file() else "does not exist: put it there, or name its path"
-                raise FileContentError(f"{path.name}:{number} *INCLUDE: the file {other} {why}")
+                raise FileContentError(f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}")
             yield from _lines(other, (path, *above))
-        else:
-            yield number, line
 
 
 def _words(line: str) -> list[str]:
@@ -143,9 +145,8 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
 def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block to a deck; blocks that are not part of a mesh are skipped."""
     if keyword == "NODE":
-        if options.get("SYSTEM", "R").upper() != "R":
-            raise ValueError("nodes in cylindrical or spherical coordinates (SYSTEM=) are not supported")
-        deck.nodes |= {int(row[0]): _place(row[1:4]) for row in rows}
+        system = options.get("SYSTEM", "R").upper()
+        deck.nodes |= {int(row[0]): _place(row[1:4], system) for row in rows}
         if "NSET" in options:
             deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
     elif keyword == "ELEMENT":
@@ -166,9 +167,20 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
         raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
 
 
-def _place(words: list[str]) -> list[float]:
-    """Three coordinates of a node; missing ones are zero."""
-    return [number_of(word) for word in (*words, "", "", "")[:3]]
+def _place(words: list[str], system: str) -> list[float]:
+    """Three coordinates of a node; missing ones are zero, and angles are in degrees.
+
+    Systems are R, rectangular, C, with the radius, the angle and z, and S, with two angles: from x, and from the plane.
+    """
+    first, second, third = (number_of(word) for word in (*words, "", "", "")[:3])
+    if system == "R":
+        return [first, second, third]
+    if system not in ("C", "S"):
+        raise ValueError(f"there is no coordinate system {system}, but R, C and S")
+    turn, up = np.deg2rad([second, third if system == "S" else 0.0])
+    radius = first * np.cos(up)
+    height = first * np.sin(up) if system == "S" else third
+    return [float(radius * np.cos(turn)), float(radius * np.sin(turn)), float(height)]
 
 
 def number_of(word: str) -> float:

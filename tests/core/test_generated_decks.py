@@ -1,4 +1,4 @@
-"""Decks that generate nodes and elements, sets that keep their order, and types of elements that do not exist.
+"""Decks that generate nodes and elements or read them from files, sets that keep their order, odd types and systems.
 
 Two unit cubes of 2 x 2 x 2 cells, 0.01 apart and closed by 0.03, with E = 1000 and nu = 0: the pressure is 10.
 """
@@ -101,3 +101,35 @@ def test_types_that_do_not_exist_are_no_cells(tmp_path):
     with pytest.raises(FileContentError, match="element 1 of type C3D6 has 8 nodes, which is not understood"):
         hhr.MeshFile(written(tmp_path / "f.inp", DECK.replace("C3D8", "C3D6"))).read()
     assert np.isclose(len(hhr.MeshFile(written(tmp_path / "g.inp", DECK.replace("C3D8", "C3D8R"))).read().cells), 2)
+
+
+def test_nodes_in_cylindrical_and_spherical_coordinates(tmp_path):
+    """Angles are in degrees, from x, and that of a sphere from the plane."""
+    text = "*NODE, SYSTEM=C\n1, 2., 90., 5.\n*NODE, SYSTEM=S\n2, 2., 90., 30.\n*NODE, SYSTEM=R\n3, 1., 2., 3.\n"
+    deck = flat_deck(written(tmp_path / "d.inp", text))
+    root = np.sqrt(3.0)
+    for number, place in ((1, [0, 2, 5]), (2, [0, root, 1]), (3, [1, 2, 3])):
+        assert deck.nodes[number] == pytest.approx(place, abs=1e-12)
+
+
+@needs("nonmatching")
+def test_nodes_and_elements_of_other_files(tmp_path):
+    """Data of a block in a file of its own, by INPUT=."""
+    head, rest = DECK.split("*ELEMENT", 1)
+    written(tmp_path / "nodes.txt", head.partition("\n")[2])
+    cell = "2, 9, 10, 11, 12, 13, 14, 15, 16\n"
+    written(tmp_path / "upper.txt", cell)
+    text = f"*NODE, INPUT=nodes.txt\n*ELEMENT{rest}".replace("ELSET=UPPER\n" + cell, "INPUT=upper.txt, ELSET=UPPER\n")
+    path = written(tmp_path / "d.inp", text)
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    (tmp_path / "upper.txt").unlink()
+    with pytest.raises(
+        FileContentError, match=r"d\.inp:4 \*ELEMENT: the file .*upper\.txt does not exist: put it there"
+    ):
+        hhr.MeshFile(path).read()
+
+
+def test_a_block_without_an_option_that_it_needs(tmp_path):
+    path = written(tmp_path / "d.inp", DECK.replace("*ELEMENT, TYPE=C3D8, ELSET=UPPER", "*ELEMENT, ELSET=UPPER"))
+    with pytest.raises(FileContentError, match=r"block \*ELEMENT at line 20: it has no option 'TYPE'"):
+        hhr.MeshFile(path).read()
