@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
@@ -32,9 +33,18 @@ PRESSED = ("pressure",)
 
 
 def template(path: Path, given: NamedParts) -> Deck:
-    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left."""
+    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left.
+
+    Raises:
+        FileContentError: for a mesh of shells.
+    """
     parts = given
     dim = parts.raw.dim
+    if parts.raw.points.shape[1] > dim:
+        raise FileContentError(
+            f"{path} has cells of dimension {dim} in a space of dimension 3: shells are not supported. Mesh the volume "
+            "of the bodies, and save it, in gmsh by a physical group of volumes; a plane mesh must lie across z"
+        )
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
@@ -75,7 +85,7 @@ def _touching(parts: NamedParts, supports: Sequence[Support], wider: bool) -> tu
         return _facing(mesh, {name: k for name, k in piece.items() if name not in used and not _begins(name, PRESSED)})
 
     found = pairs_of(parts)
-    if found or not wider or parts.raw.points.shape[1] > parts.raw.dim:  # shells have no outside
+    if found or not wider:
         return parts, found
     divided = NamedParts(with_sides(parts.raw))
     found = pairs_of(divided)

@@ -133,3 +133,13 @@ def test_sides_end_at_edges_and_go_on_around_a_mantle(tmp_path):
         area.pop("ROD z = 1")
         mantle = 2 * count * np.sin(np.pi / count)
         assert list(area.values()) == pytest.approx([mantle / len(area)] * len(area))
+
+
+def test_shells_are_refused_and_named(tmp_path):
+    """Faces of a body without the body; a plane mesh must lie across z."""
+    text = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 0, 1\n4, 0, 0, 1\n*ELEMENT, TYPE=S4, ELSET=SIDE\n1, 1, 2, 3, 4\n"
+    (tmp_path / "shell.inp").write_text(text)
+    code, output = invoke("start", tmp_path / "shell.inp")
+    assert code == 3 and "cells of dimension 2 in a space of dimension 3: shells are not supported" in output
+    code, output = invoke("check", tmp_path / "shell.inp")
+    assert code == 0 and "the cells are shells in space, which are not supported" in output
