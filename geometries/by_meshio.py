@@ -74,7 +74,10 @@ def opened(path: Path) -> Any:
             return meshio.read(path)
     except SystemExit:
         reason = " ".join(said.getvalue().split()) or f"meshio does not read files that end in {path.suffix}"
-        raise FileContentError(f"mesh file {path} cannot be read: {reason}") from None
+        raise FileContentError(
+            f"mesh file {path} cannot be read: {reason}. It is damaged, or of a kind that meshio does not know: write "
+            "it as .msh, .inp, .med, .e or .vtu"
+        ) from None
 
 
 def read_by_meshio(path: Path) -> RawMesh:

@@ -94,10 +94,10 @@ class MeshFile:
         except HHRError:
             raise
         except Exception as error:
-            # readers raise many kinds of errors for damaged files
-            raise FileContentError(
-                f"mesh file {path} cannot be read: {type(error).__name__}: {error} {_advice(path)}"
-            ) from error
+            # readers raise many kinds of errors for damaged files, and gmsh Exception without a text
+            kind = "" if type(error) is Exception else f"{type(error).__name__}: "
+            what = f"{kind}{error}".rstrip(": .") or "it is damaged"
+            raise FileContentError(f"mesh file {path} cannot be read: {what}. {_advice(path)}") from error
 
 
 def _found_instead(path: Path) -> str:
@@ -114,6 +114,8 @@ def _advice(path: Path) -> str:
     """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
         return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
+    if path.suffix.lower() in (".pvd", ".pvtu"):
+        return "It names other files: give one of the .vtu files in it"
     return f"Write it again, or in another format: {', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
 
 

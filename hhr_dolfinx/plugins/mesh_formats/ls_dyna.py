@@ -52,7 +52,7 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
     if keyword == "NODE":
         for found.line, row in rows:
             node, *place = _fields(row, width, max(width, 16))
-            found.points[int(node)] = [float(word or 0) for word in (*place, "", "")[:3]]
+            found.points[int(node)] = [float(word or 0) for word in (*place, "", "", "")[:3]]
     elif keyword == "ELEMENT_SHELL":
         _elements(found, PLANE, keyword, rows, width)
     elif solid := _SOLID.fullmatch(keyword):
