@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
 
-from hhr_dolfinx.geometries.cells import DIMENSION
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
 
 _NODES = {"15": False, "781": True, "2411": True}
-"""Data sets of nodes: whether the coordinates have a row of their own."""
+"""Data sets of nodes: true if the coordinates are in a further row."""
 _ELEMENTS = {"71": 2, "780": 3, "2412": 2}
 """Data sets of elements: column of the number of the physical property."""
 _GROUPS = {"2417": 4, "2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
 """Data sets of groups: members in a row, of two values each in older ones, of four in newer ones."""
-_OF_NODES, _OF_ELEMENTS = 7, 8
+_OF_NODES = 7
+_OF_ELEMENTS = 8
 """Codes of the types of members."""
 _BEAMS = frozenset((11, 21, 22, 23, 24, 31, 32))
 """Elements with a further row, of their orientation."""
@@ -106,8 +106,8 @@ def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
 
 def _by_property(found: Contents, properties: dict[str, int]) -> None:
     """Add sets of elements by their properties, in dimensions of which no group has elements."""
-    dimension = {one: DIMENSION.get(kind, 1 if kind in LOW.values() else 3 if kind in SOLID.values() else 2)
-                 for kind, own in found.elements.items() for one in own}  # fmt: skip
+    dims = dict.fromkeys(SOLID.values(), 3) | dict.fromkeys(PLANE.values(), 2)
+    dimension = {one: dims.get(kind, 1) for kind, own in found.elements.items() for one in own}
     grouped = {dimension.get(str(one)) for own in found.sets.values() for one in own}
     for element, number in properties.items():
         if dimension[element] not in grouped:

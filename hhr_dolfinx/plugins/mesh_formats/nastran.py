@@ -12,8 +12,8 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
 
 _SOLIDS = {"CTETRA": (4, 10), "CPYRAM": (5, 13), "CPYRA": (5, 13), "CPENTA": (6, 15), "CHEXA": (8, 20)}
-_PLANES = {"CTRIA3": (3,), "CTRIAR": (3,), "CQUAD4": (4,), "CQUADR": (4,), "CSHEAR": (4,), "CTRIA6": (3, 6),
-           "CQUAD8": (4, 8), "CTRIAX": (3, 6), "CQUADX": (4, 8), "CQUAD": (4, 8)}  # fmt: skip
+_PLANES = {"CTRIA3": (3,), "CTRIAR": (3,), "CTRIA6": (3, 6), "CTRIAX": (3, 6)}
+_PLANES |= {"CQUAD4": (4,), "CQUADR": (4,), "CSHEAR": (4,), "CQUAD8": (4, 8), "CQUADX": (4, 8), "CQUAD": (4, 8)}
 _LINES = {"CROD": (2,), "CBAR": (2,), "CBEAM": (2,), "CTUBE": (2,), "CBEAM3": (2, 3)}
 """Numbers of nodes of the elements, of first and of second order."""
 _KINDS = {name: (LOW, counts) for name, counts in _LINES.items()}
@@ -67,7 +67,8 @@ def _cards(lines: Iterator[str]) -> Iterator[tuple[str, list[str]]]:
             if name:
                 yield name, words
             # meshio marks elements of second order by CHEXA_
-            name, words = head.upper().rstrip("*_"), fields
+            name = head.upper().rstrip("*_")
+            words = fields
     if name:
         yield name, words
 
@@ -139,8 +140,10 @@ def _in_space(place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]]
         ValueError: for a system that is not in the file.
     """
     if number not in systems:
-        raise ValueError(f"grid points are in coordinate system {number}, and the file has no CORD2R, CORD2C or CORD2S "
-                         "of it: write them in system 0")  # fmt: skip
+        raise ValueError(
+            f"grid points are in coordinate system {number}, and the file has no CORD2R, CORD2C or CORD2S of it: write "
+            "them in system 0"
+        )
     kind, (origin, on_axis, on_plane) = systems[number]
     upright = (on_axis - origin) / np.linalg.norm(on_axis - origin)
     across = np.cross(upright, on_plane - origin)
@@ -153,5 +156,5 @@ def _in_space(place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]]
     elif kind == "S":
         down, angle = np.deg2rad([second, third])
         place = first * np.sin(down) * np.cos(angle), first * np.sin(down) * np.sin(angle), first * np.cos(down)
-    moved: list[float] = (origin + np.array(place) @ axes).tolist()
-    return moved
+    found: list[float] = (origin + np.array(place) @ axes).tolist()
+    return found
