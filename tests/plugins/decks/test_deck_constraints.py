@@ -13,6 +13,7 @@ from shell import invoke
 from test_decks import end, solved, started
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.loading import scene_of
 
 PILOTS = "*NODE\n901, 5., 0.2, 0.9\n902, 5., 0.2, 0.9\n903, 0., 0., 2.\n"
 FACE = "*SURFACE, NAME=HEAD\n4, S4\n"
@@ -291,3 +292,47 @@ def test_check_knows_the_places_of_constraints(tmp_path):
         notes = [one.text for one in found if one.level == NOTE and "nothing names" in one.text]
         idle.append(set(notes[0].rpartition(": ")[2].split(", ")))
     assert "BAR_X1" in idle[0] and idle[1] == idle[2] == idle[0] - {"BAR_X1"}
+
+
+UNSORTED = """*NODE
+1, 0., 0., 0.
+2, 0., 1., 0.
+3, 0., 1., 1.
+4, 0., 0., 1.
+5, 1., 0., 1.
+6, 1., 0., 0.
+7, 1., 1., 0.
+8, 1., 1., 1.
+*ELEMENT, TYPE=C3D8, ELSET=BOX
+1, 1, 6, 7, 2, 4, 5, 8, 3
+*NSET, NSET=LEFT, UNSORTED
+1, 2, 3, 4
+*NSET, NSET=RIGHT, UNSORTED
+6, 7, 8, 5
+*MATERIAL, NAME=M
+*ELASTIC
+1000., 0.
+*SOLID SECTION, ELSET=BOX, MATERIAL=M
+*EQUATION
+2
+LEFT, 1, 1., RIGHT, 1, -1.
+*STEP
+*STATIC
+*BOUNDARY
+1, 1, 3
+2, 1
+4, 1, 2
+*CLOAD
+8, 3, 1.
+*END STEP
+"""
+
+
+def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
+    """By numbers node 1 would pair with 5, which lies elsewhere on its side: such an equation is left."""
+    for text, lost in ((UNSORTED, False), (UNSORTED.replace(", UNSORTED", ""), True)):
+        (tmp_path / "deck.inp").write_text(text)
+        code, output = invoke("start", tmp_path / "deck.inp", "--force")
+        assert code == 0 and ("paired in another order" in output) == lost, output
+        found = scene_of(str(tmp_path / "deck.py")).constraints
+        assert len(found) == (0 if lost else 1)
