@@ -188,9 +188,11 @@ def raw_mesh(
     there = [block for block in elements if block.kind]
     if not there:
         kinds = sorted({block.type for block in elements})
+        high = any(kind.rstrip("0123456789") in KINDS for kind in kinds)
+        why = "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
         raise FileContentError(
-            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra: it is "
-            "empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
+            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra of order 1 "
+            f"or 2: {'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
         )
     dim = max(DIMENSION.get(block.kind, 3) for block in there)
     kind, others = one_kind(((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path)

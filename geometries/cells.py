@@ -101,7 +101,8 @@ def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str,
                 in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh" for kind, said in why.items()
             }
     names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
-    said = f"mixes {names}" if len(found) > 1 else f"has {names}"
+    many = " and ".join(str(counts[kind]) for kind in found)
+    said = f"mixes {names}, {many} of them" if len(found) > 1 else f"has {names}"
     raise FileContentError(
         f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
         f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"

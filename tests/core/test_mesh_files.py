@@ -176,6 +176,24 @@ def of_second_order(kind, incomplete, folder):
     return files
 
 
+def test_cells_of_third_order_are_refused_with_the_order(tmp_path):
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.addPhysicalGroup(2, [gmsh.model.occ.addDisk(0, 0, 0, 1, 1)], name="disc")
+    gmsh.model.occ.synchronize()
+    gmsh.model.mesh.generate(2)
+    gmsh.model.mesh.setOrder(3)
+    for version, why in (
+        (2.2, r"of order 1 or 2: mesh with .* by setOrder\(2\)"),
+        (4.1, r"10 nodes, and those of order 1"),
+    ):
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.write(str(tmp_path / "m.msh"))
+        with pytest.raises(FileContentError, match=why):
+            hhr.MeshFile(tmp_path / "m.msh").read()
+    gmsh.finalize()
+
+
 @pytest.mark.parametrize(
     ("kind", "incomplete", "exact"),
     [("triangle", False, (np.pi, 2 * np.pi)), ("quad", False, (np.pi, 2 * np.pi)), ("quad", True, (np.pi, 2 * np.pi)),
@@ -247,7 +265,7 @@ WRONG = {
     "face.inp": (TRIANGLE + "*Surface, name=s\na, S5\n", "surface 's': 'a, S5' is no face"),
     "mixed.inp": (
         TRIANGLE + "*Element,type=CPE4\n2,1,2,4,3\n",
-        "mixes quadrilaterals and triangles.*SubdivisionAlgorithm = 1",
+        "mixes quadrilaterals and triangles, 1 and 1 of them, and.*SubdivisionAlgorithm = 1",
     ),
     "prism.inp": (
         "*Node\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,0,1\n6,0,1,1\n*Element,type=C3D6\n1,1,2,3,4,5,6\n",
