@@ -97,7 +97,7 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
             yield number, line
         if found:
             # of *NODE, *ELEMENT and others the file holds the data
-            other = path.parent / found[1].strip().strip('"')
+            other = path.parent / found[1].strip().strip('"').replace("\\", "/")
             if not other.is_file() or other in (path, *above):
                 why = "includes itself" if other.is_file() else "does not exist: put it there, or name its path"
                 raise FileContentError(f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}")
@@ -164,7 +164,7 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
     elif keyword == "SURFACE":
         _surface(deck, options, rows)
     elif keyword == "SYSTEM" and rows:
-        raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
+        raise ValueError("nodes in a system of *SYSTEM are not read: write them in the global one, with *NODE, SYSTEM=")
 
 
 def _place(words: list[str], system: str) -> list[float]:

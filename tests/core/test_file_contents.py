@@ -397,6 +397,15 @@ def test_xdmf_without_its_numbers(tmp_path):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
+def test_packed_and_odd_items_of_xdmf_are_refused(tmp_path):
+    path = mixed_in_xml(tmp_path)
+    text = path.read_text()
+    for more, why in (('Compression="Zlib"', "Zlib"), ('ItemType="HyperSlab"', "HyperSlab")):
+        path.write_text(text.replace("<DataItem", f"<DataItem {more}", 1))
+        with pytest.raises(FileContentError, match=f"DataItem of type {why}, which is not understood: write the mesh"):
+            hhr.MeshFile(path).read()
+
+
 @needs("nonmatching")
 @pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
 def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):

@@ -119,7 +119,11 @@ def test_nodes_and_elements_of_other_files(tmp_path):
     written(tmp_path / "nodes.txt", head.partition("\n")[2])
     cell = "2, 9, 10, 11, 12, 13, 14, 15, 16\n"
     written(tmp_path / "upper.txt", cell)
-    text = f"*NODE, INPUT=nodes.txt\n*ELEMENT{rest}".replace("ELSET=UPPER\n" + cell, "INPUT=upper.txt, ELSET=UPPER\n")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "nodes.txt").rename(tmp_path / "sub" / "nodes.txt")
+    text = f"*NODE, INPUT=sub\\nodes.txt\n*ELEMENT{rest}".replace(
+        "ELSET=UPPER\n" + cell, "INPUT=upper.txt, ELSET=UPPER\n"
+    )
     path = written(tmp_path / "d.inp", text)
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
     (tmp_path / "upper.txt").unlink()

@@ -10,6 +10,7 @@ PLUGIN = Plugin(
         ".mail": f"{_HERE}.code_aster:read_mail",
         ".feb": f"{_HERE}.febio:read_feb",
         ".k": f"{_HERE}.ls_dyna:read_keywords",
+        ".dyn": f"{_HERE}.ls_dyna:read_keywords",
         ".key": f"{_HERE}.ls_dyna:read_keywords",
         ".mdpa": f"{_HERE}.kratos:read_mdpa",
         ".vtu": f"{_HERE}.vtu:read_vtu",
