@@ -80,7 +80,7 @@ def look_at_mesh(found: SceneCheck) -> None:
         own = look.points[look.cells[look.owner == place]]
         size = _size(own.reshape(-1, look.points.shape[1]))
         corners = own[:, : look.corners]
-        kind = "cells" if own.shape == corners.shape else "cells of second order"
+        kind = f"cell{'s' * (len(own) > 1)}{' of second order' * (own.shape != corners.shape)}"
         text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
         found.say(text)
         worst, where = worst_cell(corners)

@@ -56,9 +56,16 @@ def template(path: Path, given: NamedParts) -> Deck:
     piece = _pieces(parts)
     if not pairs:
         left.append(Left(source, "contact", "no surfaces of two bodies face each other: name a pair in contacts"))
-    if not supports:
-        supports, proposed = _by_places(parts, piece, pairs[0] if pairs else None, source, left)
+    if pairs and not supports:
+        supports, proposed = _by_places(parts, piece, pairs[0], source, left)
         loads = loads or proposed
+    elif not pairs and not loads:
+        made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
+        supports = supports or made
+        if not supports:
+            left.append(Left(source, "support", "no surface to hold a body at: name one in the file of the mesh"))
+        elif not loads:
+            left.append(Left(source, "loads", "no surface to press, and the answer is zero: name one in the file"))
     deck = replace(
         deck,
         supports=tuple(supports),
@@ -89,7 +96,7 @@ def _touching(parts: NamedParts, supports: Sequence[Support], wider: bool) -> tu
         return parts, found
     divided = NamedParts(with_sides(parts.raw))
     found = pairs_of(divided)
-    return (divided, found) if found or not parts.surfaces else (parts, [])
+    return (divided, found) if found or len(_pieces(parts)) < 2 else (parts, [])
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:
@@ -114,11 +121,9 @@ def _by_names(
 
 
 def _by_places(
-    parts: NamedParts, piece: Mapping[Tag, int], pair: tuple[Tag, Tag] | None, source: str, left: list[Left]
+    parts: NamedParts, piece: Mapping[Tag, int], pair: tuple[Tag, Tag], source: str, left: list[Left]
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and a pressure on the far sides of the bodies of a contact pair; without one on two ends of a body."""
-    if pair is None:
-        return _by_ends(parts, piece, source, left)
+    """Supports and a pressure on the far sides of the bodies of a contact pair."""
     slave, master = pair
     supports: list[Support] = []
     loads: list[Load] = []
@@ -135,9 +140,12 @@ def _by_places(
 
 
 def _by_ends(
-    parts: NamedParts, piece: Mapping[Tag, int], source: str, left: list[Left]
+    parts: NamedParts, piece: Mapping[Tag, int], held: Sequence[Tag], source: str
 ) -> tuple[list[Support], list[Load]]:
-    """Supports of each piece at its first end along the longest axis, and a pressure on the other end of the last."""
+    """Supports of each piece at its first end along the longest axis, and a pressure on the other end of the last.
+
+    The ends of pieces with surfaces that are ``held`` are these.
+    """
     points = parts.raw.points
     supports: list[Support] = []
     loads: list[Load] = []
@@ -145,12 +153,10 @@ def _by_ends(
         names = [name for name in piece if piece[name] == number]
         corners = np.concatenate([points[parts.nodes(name)] for name in names])
         axis = int(np.ptp(corners, axis=0).argmax())
-        end = min(names, key=lambda name: points[parts.nodes(name), axis].mean())
+        end = min(names, key=lambda name: (name not in held, points[parts.nodes(name), axis].mean()))
         supports += [Support(end, k, 0.0, source) for k in range(parts.raw.dim)]
         far = _far(parts, names, end)
         loads = [] if far is None else [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
-    if not supports:
-        left.append(Left(source, "support", "no surface to hold a body at: name one in the file of the mesh"))
     return supports, loads
 
 

@@ -143,3 +143,19 @@ def test_shells_are_refused_and_named(tmp_path):
     assert code == 3 and "cells of dimension 2 in a space of dimension 3: shells are not supported" in output
     code, output = invoke("check", tmp_path / "shell.inp")
     assert code == 0 and "the cells are shells in space, which are not supported" in output
+
+
+def test_a_bar_with_one_named_surface_is_held_and_pressed_at_its_ends(tmp_path):
+    """Of a bar of 1 x 1 x 3 the surface FIXED is held, another one is not; the pressure acts on the far end."""
+    path = column(tmp_path)
+    head = path.read_text().partition("*ELEMENT, TYPE=C3D8, ELSET=CAP")[0]
+    for more, end in (("*SURFACE, NAME=HOLE\n2, S3\n", "BOLT z = 0"), ("*SURFACE, NAME=FIXED\n1, S1\n", "FIXED")):
+        path.write_text(head + more)
+        code, output = invoke("start", path, "--force")
+        assert code == 0 and "contact: no surfaces of two bodies" in output, output
+        scene = scene_of(str(tmp_path / "column.py"))
+        assert [(item.tag, item.component) for item in scene.displacements] == [(end, k) for k in range(3)]
+        assert [load.tag for load in scene.loads] == ["BOLT z = 3"]
+        rigid = replace(scene, bodies=(hhr.Body("BOLT", 1e3, 0.0),))
+        found = hhr.FullOrderModel(rigid).solve(scene.parameters.middle).displacement()
+        assert np.abs(found).max() == pytest.approx(1.0 * LENGTH / 1e3)
