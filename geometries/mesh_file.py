@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 FAR = 1e100
 """Coordinates from which on squares of lengths overflow: such places, and those that are no number, are mistakes."""
-BY_GMSH = (".med", ".cgns")
+BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
 
-ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
+ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", ".med", ".cgns")
 """Endings of the usual formats, for messages."""
 
 
@@ -128,7 +128,7 @@ def _reader(path: Path) -> Any:
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
         return read_deck
-    if ending in (".e", ".ex2", ".exo", ".exii"):
+    if ending in (".e", ".ex2", ".exo", ".exii", ".g", ".gen"):
         from hhr_dolfinx.geometries.exodus import read_exodus
 
         return read_exodus
@@ -194,7 +194,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     bodies = {tag: rows for tag, rows in bodies.items() if tag not in lost}
     left_out |= of_other_kinds(lost, kind)
     facets, surfaces = _joined(sides, width)
-    nodes = groups_of_nodes(path, points, numbers) if path.suffix.lower() == ".med" else {}
+    nodes = groups_of_nodes(path, points, numbers) if path.suffix.lower().endswith("med") else {}
     for entity in entities:
         for name in {name or f"nodes {number}" for number, name in entity.groups if entity.dim < dim - 1}:
             nodes[name] = np.union1d(nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel())

@@ -613,13 +613,18 @@ def folder(tmp_path_factory):
     gmsh.write(str(path / "flat.inp"))
     if MED:
         gmsh.write(str(path / "flat.med"))
+        (path / "flat.mmed").write_bytes((path / "flat.med").read_bytes())
     gmsh.finalize()
     return path
 
 
 @pytest.mark.parametrize(
     "name",
-    [*(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)), pytest.param("flat.med", marks=needs_med), "flat.inp"],
+    [
+        *(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)),
+        *(pytest.param(name, marks=needs_med) for name in ("flat.med", "flat.mmed")),
+        "flat.inp",
+    ],
 )
 def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
     found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)

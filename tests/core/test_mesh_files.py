@@ -230,9 +230,10 @@ def test_nodes_on_sides_in_another_order_and_cells_of_two_orders_are_refused(tmp
             hhr.MeshFile(tmp_path / "m.vtk")(MPI.COMM_SELF)
 
 
-def test_second_order_from_exodus(tmp_path):
+@pytest.mark.parametrize("name", ["m.e", "m.g", "m.exo"])
+def test_second_order_from_exodus(name, tmp_path):
     points = np.array([[0, 1, 0, 0.5, 0.6, 0], [0, 0, 1, 0, 0.6, 0.5]]).T
-    raw = hhr.MeshFile(write_exodus(tmp_path / "m.e", points, {1: ("TRI6", [[1, 2, 3, 4, 5, 6]])})).read()
+    raw = hhr.MeshFile(write_exodus(tmp_path / name, points, {1: ("TRI6", [[1, 2, 3, 4, 5, 6]])})).read()
     # edges of DOLFINx lie opposite of the corners
     np.testing.assert_array_equal(raw.whole()[1], [[0, 1, 2, 4, 5, 3]])
 
