@@ -60,8 +60,25 @@ def test_middle_nodes_of_generated_cells(tmp_path):
     assert found.points[found.sides].tolist()[1] == [[1.5, 0.0], [2.0, 0.5], [1.5, 1.0], [1.0, 0.5]]
 
 
+def test_nodes_on_arcs(tmp_path):
+    """Five of a quarter of a circle about a node, and three on an arc about a point in space."""
+    text = "*NODE\n1, 2., 0., 1.\n5, 0., 2., 1.\n9, 0., 0., 1.\n11, 1., 1., 3.\n13, 1., 4., 0.\n*NGEN, LINE=C\n"
+    deck = flat_deck(written(tmp_path / "d.inp", f"{text}1, 5, 1, 9\n11, 13, , , 1., 1., 0.\n"))
+    angles = np.pi / 8 * np.arange(5)
+    wanted = np.column_stack([2 * np.cos(angles), 2 * np.sin(angles), np.ones(5)])
+    assert np.array([deck.nodes[k] for k in range(1, 6)]) == pytest.approx(wanted)
+    assert deck.nodes[12] == pytest.approx([1, 1 + 3 / np.sqrt(2), 3 / np.sqrt(2)])
+
+
 REFUSED = {
-    "arc": ("*NGEN, LINE=C\n1, 3, 1, 9\n", "block *NGEN at line 2: LINE= are not read: write the deck with all nodes"),
+    "parabola": ("*NGEN, LINE=P\n1, 3, 1, 9\n", "block *NGEN at line 2: LINE= are not read: write the deck with all"),
+    "centre": ("*NGEN, LINE=C\n1, 3, 1, 99\n", "block *NGEN at line 2: there is no node 99 before it"),
+    "straight arc": (
+        "*NODE\n1, 0, 0\n3, 2, 0\n*NGEN, LINE=C, SYSTEM=RC\n1, 3, 1, , 1., 0., 0.\n",
+        "line 5: an arc from [0.0, 0.0, 0.0] to [2.0, 0.0, 0.0] has no plane about [1.0, 0.0, 0.0]",
+    ),
+    "system": ("*NGEN, LINE=C, SYSTEM=C\n1, 3, 1, , 1., 0., 0.\n", "line 2: SYSTEM= are not read"),
+    "half": ("*NGEN, LINE=C\n1, 3, 1, , 0, 0, 0, 0, 0, 1\n", "line 2: arcs of 180 degrees and more, with a normal"),
     "bias": ("*NFILL, BIAS=0.8\nA, B, 3, 10\n", "block *NFILL at line 2: BIAS= are not read"),
     "copy": ("*NCOPY, CHANGE NUMBER=100, OLD SET=A, SHIFT\n0, 0, 1\n", "block *NCOPY at line 2: copies and maps"),
     "copied elements": ("*ELCOPY, OLD SET=A\n", "block *ELCOPY at line 2: copies and maps are not read"),
