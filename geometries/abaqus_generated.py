@@ -58,7 +58,7 @@ def _line(deck: Deck, first: int, last: int, step: int, count: float, on_arc: Ar
     numbers = [first + k * step for k in range(int(count))]
     shares = np.linspace(0.0, 1.0, int(count) + 1)[1:-1, None]
     ends = [np.array(deck.nodes[number]) for number in (first, last)]
-    places = on_arc(*ends, shares) if on_arc else (1 - shares) * ends[0] + shares * ends[1]
+    places = on_arc(ends[0], ends[1], shares) if on_arc else (1 - shares) * ends[0] + shares * ends[1]
     deck.nodes |= dict(zip(numbers[1:], places.tolist(), strict=True))
     return [*numbers, last]
 
