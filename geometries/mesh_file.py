@@ -7,6 +7,7 @@ sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,6 @@ from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
 from hhr_dolfinx.geometries.by_meshio import read_by_meshio
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, of_other_kinds, one_kind, sides_of
 from hhr_dolfinx.geometries.conforming import conforming
-from hhr_dolfinx.geometries.groups import groups_of_nodes
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 FAR = 1e100
 """Coordinates from which on squares of lengths overflow: such places, and those that are no number, are mistakes."""
+NodesOf = Callable[[Path, np.ndarray, np.ndarray], dict[str, np.ndarray]]
+"""Rows of sets of nodes by name, of a path, points and their numbers in gmsh."""
 BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
 
@@ -163,8 +165,8 @@ def _version(path: Path) -> float:
     return 0.0
 
 
-def read_by_gmsh(path: Path) -> RawMesh:
-    """Read a file of a format that gmsh supports better than meshio."""
+def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
+    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another function."""
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
     try:
@@ -194,7 +196,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     bodies = {tag: rows for tag, rows in bodies.items() if tag not in lost}
     left_out |= of_other_kinds(lost, kind)
     facets, surfaces = _joined(sides, width)
-    nodes = groups_of_nodes(path, points, numbers) if path.suffix.lower().endswith("med") else {}
+    nodes = nodes_of(path, points, numbers) if nodes_of else {}
     for entity in entities:
         for name in {name or f"nodes {number}" for number, name in entity.groups if entity.dim < dim - 1}:
             nodes[name] = np.union1d(nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel())

@@ -27,7 +27,6 @@ from test_mesh_files import write_exodus
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
 from hhr_dolfinx.errors import FileContentError, SceneError
-from hhr_dolfinx.geometries.groups import groups_of_nodes
 from hhr_dolfinx.geometries.mesh_file import summary_of
 
 POINTS = [(float(x), float(y), z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
@@ -562,22 +561,6 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     for one, said in ((varying, f" {brought}"), (scene, ", facets")):
         (text,) = [item.text for item in check_scene(one).findings if "gaps from" in item.text]
         assert f"gaps from 0.01 to 0.01{said}" in text
-
-
-def test_groups_of_nodes_of_med(tmp_path):
-    """The layout of MED by netCDF4; gmsh has the nodes in another order than the file."""
-    points = np.array(POINTS)
-    families = np.where(points[:, 2] == 2.01, 7, 0)
-    with netcdf4("a test").Dataset(tmp_path / "c.med", "w") as data:
-        nodes = data.createGroup("ENS_MAA/cubes/step/NOE")
-        nodes.createDimension("all", points.size)
-        nodes.createDimension("nodes", len(points))
-        nodes.createVariable("COO", "f8", ("all",))[:] = points.T.ravel()
-        nodes.createVariable("FAM", "i8", ("nodes",))[:] = families
-        data.createGroup("FAS/cubes/NOEUD/FAM_7_LID").NUM = 7
-    order = np.random.default_rng(0).permutation(len(points))
-    found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
-    assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
 
 
 # ---------------------------------------------------------------- attacks

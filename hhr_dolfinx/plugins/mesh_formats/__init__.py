@@ -1,4 +1,4 @@
-"""Mesh files of code_aster, FEBio, LS-DYNA, Kratos, I-DEAS (``.unv``), Nastran (``.bdf``) and VTK (``.vtu``)."""
+"""Mesh files of code_aster, FEBio, LS-DYNA, Kratos, I-DEAS (``.unv``), MED, Nastran (``.bdf``) and VTK (``.vtu``)."""
 
 from hhr_dolfinx.registry import Plugin
 
@@ -14,6 +14,7 @@ PLUGIN = Plugin(
         ".key": f"{_HERE}.ls_dyna:read_keywords",
         ".mdpa": f"{_HERE}.kratos:read_mdpa",
         ".vtu": f"{_HERE}.vtu:read_vtu",
+        **dict.fromkeys((".med", ".mmed", ".rmed"), f"{_HERE}.med:read_med"),
         ".unv": f"{_HERE}.ideas:read_unv",
         ".bdf": f"{_HERE}.nastran:read_nastran",
         ".nas": f"{_HERE}.nastran:read_nastran",

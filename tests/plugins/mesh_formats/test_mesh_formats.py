@@ -15,9 +15,10 @@ from test_deck_parts import SECOND
 from test_file_contents import CUBES, FACES, NAMES, POINTS, pressure, reasons, size_of, written
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.compat import degree_of
+from hhr_dolfinx.compat import degree_of, netcdf4
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.geometries.cells import EDGE_ORDERS
+from hhr_dolfinx.plugins.mesh_formats.med import groups_of_nodes
 
 BODIES = ("LOWER", "UPPER")
 SURFACES = dict(zip(NAMES[2:], FACES.values(), strict=True))
@@ -387,6 +388,22 @@ def test_edges_and_old_names_of_febio(tmp_path):
     text = feb("2.5").replace('name="LOWER"', 'elset="LOWER"').replace("<NodeSet", edge, 1)
     found = hhr.MeshFile(written(tmp_path / "c.feb", text)).read()
     assert found.nodes["EDGE"].tolist() == [0, 1] and found.bodies["LOWER"].tolist() == [0]
+
+
+def test_groups_of_nodes_of_med(tmp_path):
+    """The layout of MED by netCDF4; gmsh has the nodes in another order than the file."""
+    points = np.array(POINTS)
+    families = np.where(points[:, 2] == 2.01, 7, 0)
+    with netcdf4("a test").Dataset(tmp_path / "c.med", "w") as data:
+        nodes = data.createGroup("ENS_MAA/cubes/step/NOE")
+        nodes.createDimension("all", points.size)
+        nodes.createDimension("nodes", len(points))
+        nodes.createVariable("COO", "f8", ("all",))[:] = points.T.ravel()
+        nodes.createVariable("FAM", "i8", ("nodes",))[:] = families
+        data.createGroup("FAS/cubes/NOEUD/FAM_7_LID").NUM = 7
+    order = np.random.default_rng(0).permutation(len(points))
+    found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
+    assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
 
 
 ATTACK = '<!DOCTYPE x [<!ENTITY a "1"><!ENTITY b "&a;&a;&a;">]>\n'

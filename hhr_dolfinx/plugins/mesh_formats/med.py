@@ -1,4 +1,4 @@
-"""Groups of nodes of MED, which gmsh does not read."""
+"""Files of MED by gmsh, with groups of nodes, which gmsh does not read."""
 
 from __future__ import annotations
 
@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.compat import netcdf4
+from hhr_dolfinx.geometries.mesh_file import read_by_gmsh
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+
+def read_med(path: Path) -> RawMesh:
+    """Read a file of Salome, code_aster or gmsh; raise FileContentError for one without cells of one kind."""
+    return read_by_gmsh(path, groups_of_nodes)
 
 
 def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
