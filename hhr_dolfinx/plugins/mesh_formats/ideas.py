@@ -69,7 +69,8 @@ def _nodes(found: Contents, rows: Iterator[list[str]], two_rows: bool) -> None:
 def _elements(found: Contents, rows: Iterator[list[str]], column: int, properties: dict[str, int]) -> None:
     """Add elements and their properties; those of unknown kinds are left out."""
     for row in rows:
-        type_, count = int(row[1]), int(row[-1])
+        type_ = int(row[1])
+        count = int(row[-1])
         if type_ in _BEAMS:
             next(rows, [])
         nodes: list[str] = []
