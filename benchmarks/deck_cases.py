@@ -1,73 +1,20 @@
-"""Scenes in Python beside the decks: press fits by every pairing, LE10 in other formats, and faults that were found."""
+"""Scenes in Python beside the decks: LE10 in other formats, and faults that were found in November."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import meshio
 import numpy as np
-from deck_entries import Answer, cubes, plate_of_nafems, stress_at_d
+from deck_entries import Answer, Case, cubes, plate_of_nafems, stress_at_d
 from deck_writer import Box, Where, Writer, at
 
 import hhr_dolfinx as hhr
 
 
-@dataclass(frozen=True)
-class Case:
-    """A scene: ``run`` gives its number; a text as ``reference`` is part of a sentence that refuses it."""
-
-    source: str
-    kind: str
-    run: Callable[[Path], float]
-    quantity: str
-    reference: float | str
-    by: str = "closed form"
-    within: float = 0.01
-
-
 FRICTION = 0.1
-PAIRINGS: dict[str, tuple[Any, int]] = {
-    "node to node": (partial(hhr.NodeToNode, normal=(-1.0, 0.0)), 8),
-    "node to surface": (hhr.NodeToSurface, 10),
-    "mortar": (hhr.Mortar, 10),
-}
-"""Pairings, and cells along the hub, whose nodes meet those of the shaft if there are 8."""
-
-
-def push_off(name: str, folder: Path) -> float:
-    """Force that pushes a hub off its shaft over mu times the normal force, all of it slipping, in axisymmetry."""
-    pairing, along = PAIRINGS[name]
-    deck = Writer()
-    shaft = deck.box("SHAFT", "CAX4", (4, 16), (0.5, 0), (1, 2))
-    hub = deck.box("HUB", "CAX4", (4, along), (1, 0.5), (1.5, 1.5))
-    deck.surface(
-        "OUTSIDE", shaft.faces(lambda points: at(0, 1)(points) & (points[:, 1] > 0.49) & (points[:, 1] < 1.51))
-    )
-    deck.surface("BORE", hub.faces(at(0, 1)))
-    deck.nset("FOOT", shaft.nodes(at(1, 0)))
-    deck.nset("HEAD", hub.nodes(at(1, 1.5)))
-    path = folder / f"push_off_{name.replace(' ', '_')}.inp"
-    path.write_text(deck.text)
-    scene = hhr.Scene(
-        "push_off",
-        hhr.MeshFile(path),
-        "axisymmetric",
-        (hhr.Body("SHAFT", 210e3, 0.3), hhr.Body("HUB", 210e3, 0.3)),
-        (pairing("BORE", "OUTSIDE", friction=FRICTION),),
-        hhr.ParameterSpace(("fit", "push"), (0.0, 0.0), (0.002, 0.02)),
-        displacements=(hhr.Displacement("FOOT", 1), hhr.Displacement("HEAD", 1, "push")),
-        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"fit": -1.0})),),
-        outputs=(
-            hhr.FrictionForce("friction", 0, direction=(0.0, 1.0)),
-            hhr.ContactForce("normal", 0, direction=(1.0, 0.0)),
-        ),
-    )
-    found = hhr.FullOrderModel(scene).solve({"fit": 0.001, "push": 0.02}).outputs()
-    return -found["friction"] / (FRICTION * found["normal"])
 
 
 def _facets(box: Box, where: Where) -> np.ndarray:
@@ -296,17 +243,6 @@ PASSED = {
     "union": "*SURFACE, NAME=BOTH, COMBINE=UNION/MASTER, SLAVE",
 }
 CASES: tuple[Case, ...] = (
-    *(
-        Case(
-            f"press fit, {name}",
-            "CAX4, friction",
-            partial(push_off, name),
-            "push-off force over mu N",
-            1.0,
-            within=0.005,
-        )
-        for name in PAIRINGS
-    ),
     *(
         Case(f"LE10{ending}", "C3D20, no contact", partial(le10, ending), "stress at D in MPa", -5.38, "NAFEMS", 0.02)
         for ending in (".msh", ".mail")

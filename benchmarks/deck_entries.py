@@ -63,6 +63,19 @@ class Entry:
     within: float = 0.01
 
 
+@dataclass(frozen=True)
+class Case:
+    """A scene: ``run`` gives its number; a text as ``reference`` is part of a sentence that refuses it."""
+
+    source: str
+    kind: str
+    run: Callable[[Path], float]
+    quantity: str
+    reference: float | str
+    by: str = "closed form"
+    within: float = 0.01
+
+
 def node(place: tuple[float, ...], axis: int) -> Read:
     """Displacement of a node."""
     return lambda answer: answer.at(place, axis)

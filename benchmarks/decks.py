@@ -21,9 +21,10 @@ from typing import Any
 
 import _demos  # noqa: F401
 import deck_cases
+import deck_fits
 import meshio
 import numpy as np
-from deck_entries import ENTRIES, Answer, Entry
+from deck_entries import ENTRIES, Answer, Case, Entry
 from parts import cli
 from rich.table import Table
 
@@ -115,7 +116,7 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     return found | ({"calculix": again(deck, entry)} if with_calculix else {})
 
 
-def run_case(case: deck_cases.Case, folder: Path) -> dict[str, Any]:
+def run_case(case: Case, folder: Path) -> dict[str, Any]:
     """The row of a scene in Python."""
     begin, ours, said = time.perf_counter(), None, ""
     try:
@@ -141,7 +142,7 @@ def main() -> None:
     folder = folder.resolve()
     folder.mkdir(exist_ok=True)
     rows = []
-    for entry in (*ENTRIES, *deck_cases.CASES):
+    for entry in (*ENTRIES, *deck_fits.CASES, *deck_cases.CASES):
         if (options.quick and entry.source not in QUICK) or (words and not any(one in entry.source for one in words)):
             continue
         deck = isinstance(entry, Entry)
