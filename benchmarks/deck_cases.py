@@ -13,7 +13,6 @@ from deck_writer import Box, Where, Writer, at
 
 import hhr_dolfinx as hhr
 
-
 FRICTION = 0.1
 
 

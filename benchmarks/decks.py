@@ -14,16 +14,17 @@ import os
 import re
 import statistics
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import _demos  # noqa: F401
 import deck_cases
+import deck_faults
 import deck_fits
 import meshio
 import numpy as np
+from deck_commands import command
 from deck_entries import ENTRIES, Answer, Case, Entry
 from parts import cli
 from rich.table import Table
@@ -32,15 +33,6 @@ from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies import report
 
 QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
-COMMAND = "import sys; sys.argv[0] = 'hhr'; from hhr_dolfinx.command.start import main; main()"
-
-
-def hhr(folder: Path, *words: str | Path) -> tuple[bool, str]:
-    """Run a command in a folder as a user does: whether it ended well, and what it said."""
-    line = [sys.executable, "-c", COMMAND, *map(str, words)]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=folder)
-    foreign = "Traceback" in done.stderr
-    return done.returncode == 0, ("FOREIGN " if foreign else "") + done.stdout + done.stderr
 
 
 def rows_of(said: str) -> dict[str, float]:
@@ -102,11 +94,11 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     deck.write_text(entry.write())
     scene, fields = deck.with_suffix(".py"), deck.with_suffix(".vtu")
     begin = time.perf_counter()
-    well, said = hhr(folder, "start", deck.name, "--force")
+    well, said = command(folder, "start", deck.name, "--force")
     ours = None
     if well:
-        said += hhr(folder, "check", scene.name)[1]
-        well, solved = hhr(folder, "solve", scene.name, "--out", fields.name)
+        said += command(folder, "check", scene.name)[1]
+        well, solved = command(folder, "solve", scene.name, "--out", fields.name)
         said += solved
     minutes = (time.perf_counter() - begin) / 60
     if well and not isinstance(entry.reference, str):
@@ -142,7 +134,7 @@ def main() -> None:
     folder = folder.resolve()
     folder.mkdir(exist_ok=True)
     rows = []
-    for entry in (*ENTRIES, *deck_fits.CASES, *deck_cases.CASES):
+    for entry in (*ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
         if (options.quick and entry.source not in QUICK) or (words and not any(one in entry.source for one in words)):
             continue
         deck = isinstance(entry, Entry)

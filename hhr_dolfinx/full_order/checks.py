@@ -132,12 +132,13 @@ def _check_cells(mesh, group):
     largest = np.abs(jacobians).max(axis=1)
     empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
+    mend = "mend the mesh there" + (", in gmsh by optimize('HighOrder'), or straighten the edges" if degree == 2 else "")
     for bad, why in (
         (~finite, "have coordinates that are not finite"),
         (empty, "have no volume"),
         (folded, "are folded or turned inside out"),
     ):
-        text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
+        text = f"cells of the mesh {why}, e.g. around {{place}}: {mend}"
         _refuse(group, "{count} " + text, corners[bad].mean(axis=1))
     _refuse(
         group,
