@@ -140,10 +140,9 @@ def two_cubes(folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr
 
 
 def _scene(path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *parts: Any, **more: Any) -> Any:
-    """Outputs at a point of parameters; bodies by name with nu = 0.3, or 0 in the plane."""
+    """Outputs at a point of parameters; bodies by name with their moduli, nu = 0 if not given."""
     names, point, outputs = more["names"], more["point"], more["outputs"]
-    poisson = 0.3 if hypothesis == "solid" else 0.0
-    bodies = tuple(hhr.Body(tag, young, poisson) for tag, young in tags.items())
+    bodies = tuple(hhr.Body(tag, young, more.get("poisson", 0.0)) for tag, young in tags.items())
     space = hhr.ParameterSpace(names, (0.0,) * len(names), tuple(2 * value for value in point))
     given = hhr.Scene(
         "case",
@@ -159,23 +158,35 @@ def _scene(path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *p
     return hhr.FullOrderModel(given).solve(point).outputs()
 
 
-def whole_outsides(pairing: Any, folder: Path) -> float:
-    """Force between two unit squares, .01 apart, closed by .03; surfaces are their whole outsides: 10."""
+def whole_outsides(pairing: Any, kind: str, folder: Path) -> float:
+    """Force between two unit squares or cubes, .01 apart, closed by .03; surfaces are their whole outsides: 10."""
     deck = Writer()
-    low = deck.box("LOWER", "CPE4", (4, 4), (0, 0), (1, 1))
-    up = deck.box("UPPER", "CPE4", (4, 4), (0, 1.01), (1, 2.01))
+    up_to = 1 if kind == "CPE4" else 2
+    side, count = (1.0,) * up_to, 4 if kind == "CPE4" else 3
+    low = deck.box("LOWER", kind, (count,) * (up_to + 1), (0.0,) * (up_to + 1), (*side, 1.0))
+    up = deck.box("UPPER", kind, (count,) * (up_to + 1), (0.0,) * up_to + (1.01,), (*side, 2.01))
     for name, box, bottom in (("LOW", low, 0.0), ("UP", up, 1.01)):
-        sides = [at(0, 0), at(0, 1), at(1, bottom), at(1, bottom + 1)]
+        sides = [at(axis, place) for axis in range(up_to) for place in (0, 1)]
+        sides += [at(up_to, bottom), at(up_to, bottom + 1)]
         deck.surface(f"ALL{name}", [face for side in sides for face in box.faces(side)])
-    deck.surface("FLOOR", low.faces(at(1, 0)))
-    deck.surface("LID", up.faces(at(1, 2.01)))
+    deck.surface("FLOOR", low.faces(at(up_to, 0)))
+    deck.surface("LID", up.faces(at(up_to, 2.01)))
     path = folder / "outsides.inp"
     path.write_text(deck.text)
-    held = (*hhr.Displacement.clamp("FLOOR", 2), hhr.Displacement("LID", 0), hhr.Displacement("LID", 1, "-down"))
-    force = (hhr.ContactForce("force", 0, direction=(0.0, 1.0)),)
-    bodies = {"LOWER": 1e3, "UPPER": 1e3}
+    held = (
+        *hhr.Displacement.clamp("FLOOR", up_to + 1),
+        *hhr.Displacement.clamp("LID", up_to),
+        hhr.Displacement("LID", up_to, "-down"),
+    )
     found = _scene(
-        path, "plane_strain", bodies, pairing("ALLUP", "ALLLOW"), *held, names=("down",), point=(0.03,), outputs=force
+        path,
+        "plane_strain" if up_to == 1 else "solid",
+        {"LOWER": 1e3, "UPPER": 1e3},
+        pairing("ALLUP", "ALLLOW"),
+        *held,
+        names=("down",),
+        point=(0.03,),
+        outputs=(hhr.ContactForce("force", 0, direction=(0.0,) * up_to + (1.0,)),),
     )
     return found["force"]
 
@@ -205,6 +216,7 @@ def lines_of_supports(folder: Path) -> float:
         point=(5.0,),
         loads=(hhr.Pressure("LID", "push"),),
         outputs=(hhr.ContactForce("force", 0, direction=(0.0, 0.0, 1.0)),),
+        poisson=0.3,
     )
     return found["force"]
 
@@ -233,11 +245,18 @@ def imposed_on_both(folder: Path) -> float:
 
 
 TOOL = "*NODE/100, 0., 0., 9./101, 1., 0., 9./102, 1., 1., 9./103, 0., 1., 9./"
+GLUE = "*NODE/104, 0., 0., 9./105, 1., 0., 9./106, 1., 1., 9./107, 0., 1., 9./"
+GLUE += "*ELEMENT, TYPE={}, ELSET=GLUE/30, 100, 101, 102, 103, 104, 105, 106, 107"
 PASSED = {
     "rigid tool": TOOL + "*ELEMENT, TYPE=R3D4, ELSET=TOOL/30, 100, 101, 102, 103/*SURFACE, NAME=STOOL/TOOL, SNEG",
     "skin of shells": "*ELEMENT, TYPE=S4, ELSET=SKIN/30, 13, 14, 16, 15/*SURFACE, NAME=SSKIN/SKIN, SPOS",
     "beam": "*ELEMENT, TYPE=B31, ELSET=ROD/30, 1, 16/*SURFACE, NAME=SROD/30, S1",
     "pipe": "*ELEMENT, TYPE=PIPE31, ELSET=ROD/30, 1, 16",
+    "cohesive cell": TOOL + GLUE.format("COH3D8"),
+    "gasket": TOOL + GLUE.format("GK3D8"),
+    "wedge of another body": TOOL
+    + "*NODE/104, 0., 0., 8./105, 1., 0., 8./*ELEMENT, TYPE=C3D6, ELSET=OTHER/30, 100, 104, 103, 101, 105, 102",
+    "axisymmetric cell": TOOL + "*ELEMENT, TYPE=CGAX4, ELSET=TOOL/30, 100, 101, 102, 103",
     "analytical surface": "*SURFACE, TYPE=CYLINDER, NAME=RIGID/START, 0., 0./LINE, 1., 0.",
     "union": "*SURFACE, NAME=BOTH, COMBINE=UNION/MASTER, SLAVE",
 }
@@ -259,7 +278,14 @@ CASES: tuple[Case, ...] = (
         10.0,
     ),
     *(
-        Case(f"case A5, {pairing.__name__}", "CPE4, whole outsides", partial(whole_outsides, pairing), "force", 10.0)
+        Case(
+            f"case A5, {pairing.__name__}, {kind}",
+            "whole outsides",
+            partial(whole_outsides, pairing, kind),
+            "force",
+            10.0,
+        )
+        for kind in ("CPE4", "C3D4")
         for pairing in (hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar)
     ),
     Case("case A7, lines and nodes", "C3D8", lines_of_supports, "force", 13.3106, "own elements and active set"),

@@ -25,5 +25,5 @@ def said(folder: Path, *words: str | Path) -> str:
     if text.startswith("FOREIGN"):
         raise RuntimeError(text)
     if not well:
-        raise HHRError(" ".join(text.split()))
+        raise HHRError(" ".join(text.split()).rpartition("error: ")[2])
     return text

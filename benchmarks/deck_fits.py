@@ -55,7 +55,7 @@ RIGID: Mapping[str, tuple[str, Callable[..., Any]]] = {
 
 
 def pushed_off(path: Path, deck: Writer, hypothesis: str, pairing: Any, held: tuple[Any, ...], bodies: Any) -> float:
-    """Friction along the axis over mu times the sum of normal forces, with an interference of .001 and a push of .02."""
+    """Friction along the axis over mu times the sum of normal forces; an interference of .001, a push of .02."""
     path.write_text(deck.text)
     axis = 1 if hypothesis == "axisymmetric" else 2
     scene = hhr.Scene(

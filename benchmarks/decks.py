@@ -4,7 +4,8 @@
 
 Small decks of the makes of CalculiX' own tests and examples, with closed forms or figures of CalculiX 2.20 beside them.
 An outcome is "right" within 1 % (or within what the entry allows), "refused: SENTENCE" where a keyword has no
-counterpart, "by hand: SENTENCE" where `hhr start` names a keyword that it leaves to its user, or "off by x %".
+counterpart, "by hand: SENTENCE" where `hhr start` names a keyword that it leaves to its user, "warned: SENTENCE" of a
+case whose number is off and says so, or "off by x %".
 Minutes are those of the machine for the three commands, each a process; reading and typing are not in them.
 """
 
@@ -31,6 +32,7 @@ from rich.table import Table
 
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies import report
+from hhr_dolfinx.warn import collected
 
 QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
 
@@ -79,6 +81,9 @@ def judged(entry: Any, ours: float | None, said: str) -> str:
     left = [line for line in lines if line.startswith("TODO") and "NLGEOM" not in line and "OVERCLOSURE" not in line]
     if expected:
         found = next((line for line in (*left, sentence) if expected in line), "")
+        warned = next((line for line in lines if line.startswith("warning") and expected in line), "")
+        if warned and not found:
+            return f"warned: {warned}"
         return f"refused: {found}" if found else f"silent: nothing says {expected}"
     if ours is None:
         return f"by hand: {left[0]}" if left else f"refused: {sentence}"
@@ -111,15 +116,28 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
 def run_case(case: Case, folder: Path) -> dict[str, Any]:
     """The row of a scene in Python."""
     begin, ours, said = time.perf_counter(), None, ""
-    try:
-        ours = case.run(folder)
-    except HHRError as error:
-        said = f"error: {error}".replace("\n", " ")
-    except Exception as error:  # what else comes is the finding
-        said = f"FOREIGN {type(error).__name__}: {error}"
+    with collected(Warning) as warned:
+        try:
+            ours = case.run(folder)
+        except HHRError as error:
+            said = f"error: {error}".replace("\n", " ")
+        except Exception as error:  # what else comes is the finding
+            said = f"FOREIGN {type(error).__name__}: {error}"
+    said = "\n".join([said, *(f"warning: {item.message}".replace("\n", " ") for item in warned)])
     minutes = (time.perf_counter() - begin) / 60
     found = {"source": case.source, "kind": case.kind, "minutes": minutes, "outcome": judged(case, ours, said)}
     return found | {"quantity": case.quantity, "reference": case.reference, "by": case.by, "ours": ours}
+
+
+def counted(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """Numbers of outcomes of decks, press fits and cases of faults."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        sort = "decks" if "started" in row else "press fits" if row["source"].startswith("press") else "cases"
+        outcome = re.split(r": | by ", row["outcome"])[0]
+        own = found.setdefault(sort, {})
+        own[outcome] = own.get(outcome, 0) + 1
+    return found
 
 
 def main() -> None:
@@ -130,8 +148,7 @@ def main() -> None:
     options = cli.parse_on_first_rank(parser)
     words = [word.strip() for word in options.only.split(",") if word.strip()]
     options.out.mkdir(parents=True, exist_ok=True)
-    folder = options.out / "decks"
-    folder = folder.resolve()
+    folder = (options.out / "decks").resolve()
     folder.mkdir(exist_ok=True)
     rows = []
     for entry in (*ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
@@ -152,6 +169,7 @@ def main() -> None:
     first = [row["minutes"] for row in rows if row.get("started") and row["outcome"] == "right"]
     found = {"decks": rows, "started_and_solved": len(first), "median_minutes": statistics.median(first or [0.0])}
     found["foreign"] = sum(row["outcome"].startswith(("foreign", "silent")) for row in rows)
+    found["outcomes"] = counted(rows)
     options.console.print({name: value for name, value in found.items() if name != "decks"})
     report.write_report({"scene": "decks", **found, **report.environment()}, options.out)
 

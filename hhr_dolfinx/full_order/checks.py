@@ -132,7 +132,9 @@ def _check_cells(mesh, group):
     largest = np.abs(jacobians).max(axis=1)
     empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
-    mend = "mend the mesh there" + (", in gmsh by optimize('HighOrder'), or straighten the edges" if degree == 2 else "")
+    mend = "mend the mesh there" + (
+        ", in gmsh by optimize('HighOrder'), or straighten the edges" if degree == 2 else ""
+    )
     for bad, why in (
         (~finite, "have coordinates that are not finite"),
         (empty, "have no volume"),

@@ -36,3 +36,5 @@ def test_outcomes():
     refused = Entry("a", "", str, "", lambda answer: 0.0, "DYNAMIC")
     assert decks.judged(refused, None, "TODO a.inp:3 *DYNAMIC: at rest").startswith("refused")
     assert decks.judged(refused, 1.0, "a.py is written").startswith("silent")
+    assert decks.judged(refused, 1.0, "warning: no DYNAMIC").startswith("warned")
+    assert decks.judged(refused, 1.0, "warning: no DYNAMIC\nerror: DYNAMIC").startswith("refused: error")
