@@ -21,6 +21,7 @@ from typing import Any
 
 import _demos  # noqa: F401
 import deck_cases
+import deck_examples
 import deck_faults
 import deck_fits
 import meshio
@@ -151,7 +152,7 @@ def main() -> None:
     folder = (options.out / "decks").resolve()
     folder.mkdir(exist_ok=True)
     rows = []
-    for entry in (*ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
+    for entry in (*ENTRIES, *deck_examples.ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
         if (options.quick and entry.source not in QUICK) or (words and not any(one in entry.source for one in words)):
             continue
         deck = isinstance(entry, Entry)

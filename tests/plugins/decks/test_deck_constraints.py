@@ -149,8 +149,8 @@ def test_soft_springs_hold_what_contact_alone_holds(tmp_path, monkeypatch):
     springs = [one for one in scene.loads if isinstance(one, hhr.Springs)]
     assert [(one.place, one.component) for one in springs] == [("LID_BOTTOM", k) for k in range(3)]
     answer = solved(scene)[1]
-    # the springs, 1e-4 E per area, bear 0.1 times the sinking of the lid, two cubes' 2 p / E = 0.02
-    assert answer.forces().sum() == pytest.approx(10.0 - 0.1 * 0.02, rel=1e-4)
+    # the springs, 1e-7 E per area, bear 1e-4 times the sinking of the lid, two cubes' 2 p / E = 0.02
+    assert answer.forces().sum() == pytest.approx(10.0 - 1e-4 * 0.02, rel=1e-7)
     code, output = invoke("check", tmp_path / "deck.py")
     assert code == 0 and "hold every body" in output and "go through each other" not in output
 
@@ -166,7 +166,7 @@ def test_soft_springs_hold_a_jack_that_a_force_opens(tmp_path, monkeypatch):
     assert output.count("TODO") == 1 and "soft springs are added" in output
     assert invoke("check", tmp_path / "deck.py")[0] == 0
     answer = solved(scene)[1]
-    assert answer.forces().sum() == pytest.approx(4.0 - 0.1 * 0.004, rel=1e-6)  # springs of 0.1 sink by p / E
+    assert answer.forces().sum() == pytest.approx(4.0 - 1e-4 * 0.004, rel=1e-8)  # springs of 1e-4 sink by p / E
 
 
 def sector(step="*DSLOAD\nSIDES, P, 10.", count=4):
