@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from deck_entries import CCX, Entry, node
+from deck_entries import CCX, Answer, Entry, hertz, node
 from deck_writer import Writer, at, both
 
 
@@ -101,8 +101,17 @@ def tubes(turn: float = 0.003) -> str:
     return deck.text
 
 
+def ball_ratio(answer: Answer) -> float:
+    """Largest pressure over that of Hertz for a ball of radius 50 by its force."""
+    hertz = (6 * answer.row("sum of") * (210e3 / 1.82) ** 2 / (np.pi**3 * 50**2)) ** (1 / 3)
+    return answer.row("largest pressure 0") / float(hertz)
+
+
 PIN = "CPE4, node to surface"
 ENTRIES = (
+    Entry(
+        "Hertz_axi (examples)", "CAX4", partial(hertz, "CAX4", push=0.2), "pressure over that of Hertz", ball_ratio, 1.0
+    ),
     Entry("Valve (examples)", "CAX6, friction", valve, "lift of the middle", node((0, 0, 0), 1), 0.0200378, CCX),
     Entry("Eyebar (examples)", PIN, eyebar, "displacement of the crown", node((10, 0, 0), 0), 0.04028123, CCX),
     Entry("Eyebar, thick pin (examples)", PIN, partial(eyebar, 2.0), "", node((10, 0, 0), 0), "has one thickness"),

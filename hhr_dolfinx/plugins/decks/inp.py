@@ -116,7 +116,7 @@ def _sections(
     found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, hypothesis: str, left: list[Left]
 ) -> tuple[list[Section], float]:
     """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
-    sections = []
+    sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
     for block in of_kind(found, "SOLID SECTION"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.full import FullModel, Guard
+from hhr_dolfinx.models.full import Checked, FullModel, Guard
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, StrainKind, spread_strain, strain_kinds
 from hhr_dolfinx.plugins.small_strains.limit import StrainRange, narrowed
@@ -100,7 +100,7 @@ class StrainGuard(Guard):
         sizes = [self._spreads(full.problem, item.points, item.displacements) for item in given]
         self._judge(full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes))
 
-    def corners(self, full: FullModel, model: AnsweringModel) -> AnsweringModel:
+    def corners(self, full: FullModel, model: Checked) -> Checked:
         """Warn of large strains and rotations of a model in corners of its parameter range.
 
         Returns:
@@ -141,10 +141,12 @@ class StrainGuard(Guard):
         whole = np.stack([answer.displacement() for answer in found], axis=1)
         return np.array([answer.parameter for answer in found]), self._sizes(whole)
 
-    def _limited(self, full: FullModel, model: AnsweringModel) -> tuple[AnsweringModel, StrainRange | None]:
+    def _limited(self, full: FullModel, model: Checked) -> tuple[Checked, StrainRange | None]:
         """The model with the limit of its strains, and this limit; None for a model that keeps none."""
-        given = getattr(model, "trained", None)
-        if not (isinstance(model, KeptModel) and "trained" in model.kept and isinstance(given, TrainedRange | None)):
+        if not (isinstance(model, KeptModel) and "trained" in model.kept):
+            return model, None
+        given = model.trained
+        if not isinstance(given, TrainedRange | None):
             return model, None
 
         def worst(ends: np.ndarray) -> float:
