@@ -107,11 +107,29 @@ def ball_ratio(answer: Answer) -> float:
     return answer.row("largest pressure 0") / float(hertz)
 
 
+def cubes_without_freedom(gap: float = -0.1) -> str:
+    """A cube of side 10 in one of side 20 by .1, whose nodes are all imposed: a penalty alone has forces."""
+    deck = Writer()
+    large = deck.box("EALL", "C3D8", (1, 1, 1), (0, 0, 0), (20, 20, 20))
+    small = deck.box("EALL", "C3D8", (1, 1, 1), (20, 5, 5), (30, 15, 15))
+    deck.nset("NGW", large.numbers)
+    deck.nset("NKW", small.numbers)
+    deck.surface("CGW", large.faces(at(0, 20)))
+    deck.surface("CKW", small.faces(at(0, 20)))
+    deck.material(70000.0, 0.34)
+    deck.section()
+    deck.pair("CKW", "CGW", "LINEAR/1.E4")
+    deck.add(f"*BOUNDARY/NGW, 1, 3/NKW, 2, 3/*STEP, NLGEOM/*STATIC/1., 1./*BOUNDARY/NKW, 1, 1, {gap}")
+    deck.add("*NODE PRINT, NSET=NALL/U/*END STEP")
+    return deck.text
+
+
 PIN = "CPE4, node to surface"
 ENTRIES = (
     Entry(
         "Hertz_axi (examples)", "CAX4", partial(hertz, "CAX4", push=0.2), "pressure over that of Hertz", ball_ratio, 1.0
     ),
+    Entry("Penalty (examples)", "C3D8, all imposed", cubes_without_freedom, "", node((20, 5, 5), 0), "imposed"),
     Entry("Valve (examples)", "CAX6, friction", valve, "lift of the middle", node((0, 0, 0), 1), 0.0200378, CCX),
     Entry("Eyebar (examples)", PIN, eyebar, "displacement of the crown", node((10, 0, 0), 0), 0.04028123, CCX),
     Entry("Eyebar, thick pin (examples)", PIN, partial(eyebar, 2.0), "", node((10, 0, 0), 0), "has one thickness"),

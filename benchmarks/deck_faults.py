@@ -168,6 +168,15 @@ def _by_meshio(ending: str, folder: Path) -> Path:
     return path
 
 
+def _exodus(folder: Path) -> Path:
+    """Blocks of cells, of faces, each a surface, and of a line, by meshio."""
+    blocks = [("hexahedron", cube[None]) for cube in CUBES] + [("quad", face[None]) for face in FACES]
+    path = folder / "blocks.e"
+    netcdf4("the writer")  # before meshio loads it: PETSc has another HDF5
+    meshio.Mesh(POINTS, [*blocks, ("line", FACES[:1, :2])]).write(path, file_format="exodus")
+    return path
+
+
 def _unv(folder: Path) -> Path:
     """Groups of elements, and one of nodes, in data set 2467."""
 
@@ -467,6 +476,7 @@ CASES = (
     *(_read(f"case A3, {name}", "XDMF", partial(_xdmf, name), reference=reference) for name, reference in XDMF.items()),
     *(_read(f"case A3, DOLFINx{', ASCII' if one else ''}", "XDMF", partial(_by_dolfinx, one)) for one in (False, True)),
     *(_read(f"case A8, {ending}", ending, partial(_by_meshio, ending)) for ending in (".bdf", ".msh", ".vtu", ".vtk")),
+    _read("case A9, .e, blocks of faces", ".e", _exodus, range(6)),
     _read("case A8, .unv, set 2467", ".unv", _unv, NAMES),
     _read("case A8, .su2", ".su2", _su2, (1, 1, *NAMES[2:])),
     Case("case A4, first order", "CPE4", partial(roller, "CPE4", 1), "pressure over that of Hertz", 1.0),
