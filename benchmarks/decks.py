@@ -1,4 +1,4 @@
-"""Decks of strangers: `hhr start`, `hhr check`, `hhr solve` as they are, and how far the first number is right.
+"""Decks of strangers: `hhr start`, `check`, `solve` or `march` as they are, and how far the first number is right.
 
     python benchmarks/decks.py [--quick] [--only WORDS] [--again] [--out DIR]
 
@@ -39,8 +39,12 @@ QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
 
 
 def rows_of(said: str) -> dict[str, float]:
-    """Rows ``name: number`` of what a command printed."""
+    """Rows ``name: number`` of what a command printed, or the last row of a table of steps."""
     found = re.findall(r"^([^:\n]+(?:: [^:\n]*)?): (-?[0-9.]+(?:e[+-]?[0-9]+)?)$", said, re.MULTILINE)
+    table = [re.split(r"\s{2,}", line.strip()) for line in said.splitlines() if line.startswith("  ")]
+    heads = next((k for k, row in enumerate(table) if row[0].startswith("time")), None)
+    if heads is not None:
+        found = list(zip(table[heads], table[-1], strict=True))
     return {name: float(value) for name, value in found}
 
 
@@ -104,8 +108,10 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     ours = None
     if well:
         said += command(folder, "check", scene.name)[1]
-        well, solved = command(folder, "solve", scene.name, "--out", fields.name)
+        steps = "\nPATHS = " in scene.read_text()  # answers depend on the path
+        well, solved = command(folder, "march" if steps else "solve", scene.name, "--out", fields.name)
         said += solved
+        fields = sorted(folder.glob(f"{fields.stem}_[0-9]*.vtu"))[-1] if well and steps else fields
     minutes = (time.perf_counter() - begin) / 60
     if well and not isinstance(entry.reference, str):
         ours = entry.read(Answer(scene, rows_of(solved), *displacements(fields)))
