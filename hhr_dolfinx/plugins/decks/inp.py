@@ -60,7 +60,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     whole = parts
     cuts, parts = sections_of(found, parts, left)
     hypothesis = _hypothesis(found, parts, left)
-    sections, thickness = _sections(found, materials_of(found, left), parts, left)
+    sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
     reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
@@ -161,10 +161,10 @@ def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> 
 
 
 def _sections(
-    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, left: list[Left]
+    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, hypothesis: str, left: list[Left]
 ) -> tuple[list[Section], float]:
     """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
-    sections = []
+    sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
     for block in of_kind(found, "SOLID SECTION"):
@@ -179,7 +179,14 @@ def _sections(
             raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
         free[parts.raw.bodies[tag]] = False
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
-            thickness = block.number(block.rows[0][0])
+            before, thickness = thickness, block.number(block.rows[0][0])
+            if sections and hypothesis != "axisymmetric" and thickness != before:
+                left.append(
+                    block.left(
+                        f"'{tag}' is {thickness:g} thick, and bodies before it {before:g}; a scene has one thickness: "
+                        f"multiply moduli of these, and pressures on them, by {before / thickness:g}"
+                    )
+                )
         sections.append(Section(tag, materials[name.upper()], block.source))
     if not sections:
         lost = [

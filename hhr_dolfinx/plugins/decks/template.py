@@ -24,8 +24,8 @@ NEAR = 0.1
 """Largest distance of a further pair of surfaces, over the extent of the smaller one."""
 STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
-SOFT = 1e-4
-"""Stiffness of a bedding that holds a loose body, over that of the body, E over its extent."""
+SOFT = 1e-7
+"""Stiffness of a bedding that holds a loose body, over E over its extent; 1e-4 bears a fifth of a bent tube."""
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)
