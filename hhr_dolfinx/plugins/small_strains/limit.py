@@ -54,7 +54,8 @@ def narrowed(space: ParameterSpace, worst: Callable[[Box], float], given: Traine
         target = min((np.where(choice, end, whole) for end in ends), key=worst)
         if worst(target) > MOST:
             continue
-        inside, beyond = 0.0, 1.0
+        inside = 0.0
+        beyond = 1.0
         for _ in range(STEPS):
             middle = (inside + beyond) / 2
             if worst(target + middle * (whole - target)) > MOST:
@@ -66,5 +67,6 @@ def narrowed(space: ParameterSpace, worst: Callable[[Box], float], given: Traine
         return None
     lower, upper = np.array(max(found)[1])
     if given is not None:
-        lower, upper = np.maximum(lower, given.lower), np.minimum(upper, given.upper)
+        lower = np.maximum(lower, given.lower)
+        upper = np.minimum(upper, given.upper)
     return StrainRange(tuple(space.names), np.minimum(lower, upper), upper)
