@@ -68,7 +68,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     constraints: list[Load] = []
     forces: list[Load] = []
     for made in (
-        lambda given: preloads_of(cuts, given, nodes, left),
+        lambda given: preloads_of(cuts, given, nodes, thickness, left),
         lambda given: coupled_of(found, given, parts, nodes, hypothesis, thickness, left),
         lambda given: equations_of(found, given, parts, nodes, thickness, left),
     ):
@@ -96,10 +96,13 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
-    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface."""
-    pairs = whole.out_of_reach(supports)
+    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface.
+
+    A set of nodes may hold no whole facet of the mesh that is cut.
+    """
+    pairs = whole.out_of_reach(supports, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
-    return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
+    return parts.out_of_reach(supports, parts.surfaces) if unnamed and parts is not whole else pairs
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:

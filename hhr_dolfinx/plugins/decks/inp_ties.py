@@ -89,9 +89,13 @@ def sections_of(
 
 
 def preloads_of(
-    sections: Sequence[tuple[Block, str]], state: Sequence[Imposed], nodes: DeckNodes, left: list[Left]
+    sections: Sequence[tuple[Block, str]],
+    state: Sequence[Imposed],
+    nodes: DeckNodes,
+    thickness: float,
+    left: list[Left],
 ) -> tuple[list[Imposed], list[Load], list[Load]]:
-    """Supports and loads on other nodes, constraints of sections, and forces in bolts."""
+    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per thickness in the plane."""
     pilots = {nodes.single(block.word("NODE")): name for block, name in sections}
     by_name: dict[str, list[Imposed]] = {name: [] for _, name in sections}
     kept = []
@@ -115,7 +119,8 @@ def preloads_of(
         else:
             constraints.append(Load("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
         for item in () if imposed else drawn:
-            forces.append(Load("preload", f"hhr.BoltForce({name!r}, {{}})", item.factor, item.block.source))
+            text = f"hhr.BoltForce({name!r}, {{}})"
+            forces.append(Load("preload", text, item.factor / thickness, item.block.source))
         if imposed and drawn:
             left.append(drawn[-1].block.left("its section has a shortening too, which counts"))
     return kept, constraints, forces
