@@ -124,7 +124,7 @@ class _Coupled:
 
     def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
         """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
-        nodes, points = nodes_at(assembler, self.place, self)
+        nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area)
         dim = points.shape[1]
         turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
         if self.component >= dim + len(turns) or (self.point is not None and len(self.point) != dim):

@@ -55,7 +55,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     """
     left = list(_ignored(found))
     whole = parts
-    cuts, parts = sections_of(found, parts, left)
+    cuts, parts = sections_of(found, parts, nodes, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
     materials = {item.tag: item.material for item in sections}
@@ -90,7 +90,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
     order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    names = tuple(name for _, name in cuts)
+    names = tuple(one.name for one in cuts)
     deck = Deck(path, hypothesis, (*sections,), (*supports,), (*loads,), pairs, order, seconds, (*constraints,), names)
     return with_springs(deck, parts) if touching and constraints else deck
 

@@ -127,6 +127,17 @@ def test_the_force_of_a_bolt_in_the_plane(tmp_path):
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(2, 10.0), rel=1e-9)
 
 
+@pytest.mark.parametrize(("face", "normal", "sign"), [("2, S4", "", 1), ("2, S4", "1., 0., 0.", 1),
+    ("2, S4", "-1., 0., 0.", -1), ("3, S6", "1., 0., 0.", -1), ("3, S6", "", 1)])  # fmt: skip
+@pytest.mark.parametrize("step", ["*BOUNDARY\n903, 1, 1, 0.02", "*CLOAD\n903, 1, 5."])
+def test_the_normal_of_a_section(face, normal, sign, step, tmp_path):
+    """CalculiX 2.20 presses the bar if the normal points into the elements of the surface."""
+    text = bar(step).replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = f"*SURFACE, NAME=CUT\n{face}\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
+    scene, _ = started(tmp_path, text.replace("*STEP", PILOTS + section.replace("\n\n", "\n")))
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, sign * 5.0), rel=1e-9)
+
+
 FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
 
 
