@@ -65,11 +65,14 @@ class NodeToSurface(SlaveAndMaster):
             n for each node: against the smoothed outer normal of the master at that point.
         friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        at_nodes: on cells of second order, True for a condition at each node, as CalculiX has it, instead of means
+            around it. An edge that presses does so at its nodes; take forces then, as pressures of single nodes vary.
     """
 
     normal: tuple[float, ...] | None = None
     friction: Any = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
+    at_nodes: bool = False
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node that faces the master surface."""
@@ -78,13 +81,16 @@ class NodeToSurface(SlaveAndMaster):
         warn_of_overlap(slave, rows)
         bulges = master.bulges(facets, weights)
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
+        if self.at_nodes:
+            return rows
         _warn_of_coarse_slave(slave, master, weights)
         return slave.averaged(rows)
 
     def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
         """Rows of deformed surfaces without warnings; they may overlap by the length ``overlap`` beyond a cell."""
         slave, master = surfaces
-        return slave.averaged(self._paired(slave, master, dofs, overlap)[0])
+        rows = self._paired(slave, master, dofs, overlap)[0]
+        return rows if self.at_nodes else slave.averaged(rows)
 
     def _paired(
         self, slave: Surface, master: Surface, dofs: int, overlap: float = 0.0
