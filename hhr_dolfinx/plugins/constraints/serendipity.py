@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Serendipity:
             columns = (dim * cells[cell, node][:, None] + np.arange(dim)).ravel()
             values = np.repeat(-shares[place, k], dim)
             entries.append((values[values != 0], np.flatnonzero(values), columns[values != 0]))
-        return equations_of(entries, dofs, assembler.size, loose=True)
+        return replace(equations_of(entries, dofs, assembler.size, loose=True), middle=True)
 
 
 def _middles(cell: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

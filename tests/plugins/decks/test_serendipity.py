@@ -91,6 +91,34 @@ def test_a_leaf_spring_with_contact_at_nodes(cells, force, tmp_path):
     assert 2 * softer / 0.1 < 0.98 * force
 
 
+def test_a_constant_pressure_passes(tmp_path):
+    """A cube without Poisson's ratio, pressed on a plane by 1 %: conditions at its nodes are independent."""
+    deck = Writer()
+    cube = deck.box("EALL", "C3D20", (2, 2, 2), (0, 0, 0), (1, 1, 1))
+    for axis, name in enumerate("XYZ"):
+        deck.nset(f"{name}0", cube.nodes(at(axis, 0)))
+    deck.nset("LID", cube.nodes(at(2, 1)))
+    (tmp_path / "cube.inp").write_text(deck.text)
+    scene = hhr.Scene(
+        "cube",
+        hhr.MeshFile(tmp_path / "cube.inp"),
+        "solid",
+        (hhr.Body("EALL", 210e3, 0.0),),
+        (hhr.Obstacle("Z0", (0.0, 0.0, -1.0), 0.0),),
+        hhr.ParameterSpace(("push",), (0.0,), (0.02,)),
+        displacements=(
+            hhr.Displacement("X0", 0),
+            hhr.Displacement("Y0", 1),
+            hhr.Displacement("LID", 2, hhr.Amplitude(slopes={"push": -1.0})),
+        ),
+        constraints=TWENTY,
+    )
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve(0.01)
+    assert answer.forces().size == 21
+    assert answer.forces() / full.problem.contact_areas == pytest.approx(np.full(21, 2100.0), rel=1e-9)
+
+
 def test_cells_without_nodes_in_the_middle(tmp_path):
     scene, _ = started(tmp_path, block("C3D8", (2, 1, 1)))
     with pytest.raises(SceneError, match="quadrilaterals or hexahedra of second order"):
