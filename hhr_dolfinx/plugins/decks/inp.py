@@ -7,6 +7,7 @@ give by their numbers, see :func:`~hhr_dolfinx.geometries.abaqus_blocks.name_of_
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,7 +93,22 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
     names = tuple(one.name for one in cuts)
     deck = Deck(path, hypothesis, (*sections,), (*supports,), (*loads,), pairs, order, seconds, (*constraints,), names)
-    return with_springs(deck, parts) if touching and constraints else deck
+    deck = with_springs(deck, parts) if touching and constraints else deck
+    return deck if touching and not constraints and _springs_needed(deck, parts) else _with_20_nodes(deck, nodes)
+
+
+def _springs_needed(deck: Deck, parts: NamedParts) -> bool:
+    """True if contact alone holds a body."""
+    return with_springs(deck, parts).loads != deck.loads
+
+
+def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
+    """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
+    kinds = {nodes.deck.types[number].strip() for number in nodes.solids}
+    if not kinds <= {"C3D20", "CPE8"} or not kinds:
+        return deck
+    made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
+    return replace(deck, constraints=(*deck.constraints, made))
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:

@@ -48,8 +48,23 @@ def displacement(scene, place):
 def test_a_block_under_forces_at_nodes(kind, ends, moved, tmp_path):
     """The loaded end moves as in CalculiX, to all of its digits; elements with more nodes are 0.2 to 30 % off."""
     scene, _ = started(tmp_path, block(kind, ends))
-    assert displacement(replace(scene, constraints=TWENTY), ends) == pytest.approx(moved, rel=1e-6)
-    assert np.abs(displacement(scene, ends) / moved - 1).max() > 0.002
+    assert scene.constraints == TWENTY
+    assert displacement(scene, ends) == pytest.approx(moved, rel=1e-6)
+    assert np.abs(displacement(replace(scene, constraints=()), ends) / moved - 1).max() > 0.002
+
+
+def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
+    scene, _ = started(tmp_path, block("C3D20R", (3, 1, 1.2)))
+    assert not scene.constraints
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_bodies_that_contact_holds_keep_27_nodes(held, tmp_path):
+    """Constraints need bodies that are held otherwise."""
+    text = leaves((1, 2), 0.1)
+    text = text if held else text.replace("SYM0, 1\n", "").replace("SYM0, 3, 3", "SUPPORT, 1, 1")
+    scene, _ = started(tmp_path, text)
+    assert scene.constraints == (TWENTY if held else ())
 
 
 def leaves(cells, push):
