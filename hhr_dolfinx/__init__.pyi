@@ -42,6 +42,7 @@ from .plugins.constraints.preload import Preload as Preload
 from .plugins.constraints.serendipity import Serendipity as Serendipity
 from .plugins.constraints.tie import Tie as Tie
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
+from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures
 from .plugins.decks.with_outside import WithOutside as WithOutside
 from .plugins.external_operator.law import ExternalOperator as ExternalOperator
 from .plugins.fallback.model import FallbackModel as FallbackModel
@@ -102,6 +103,7 @@ from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.places.places import NodalForce as NodalForce
 from .plugins.places.places import Nodes as Nodes
 from .plugins.places.places import Springs as Springs
+from .plugins.second_order.untangled import Untangled as Untangled
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy

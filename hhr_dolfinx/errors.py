@@ -133,6 +133,10 @@ class SceneWarning(UserWarning):
     """Something in a scene has no effect, or its imposed displacements contradict its contacts."""
 
 
+class MeshWarning(UserWarning):
+    """Nodes of a mesh file are displaced so that its cells are valid."""
+
+
 class SnapshotFileWarning(UserWarning):
     """A stored solution is damaged or belongs to another problem; it is solved again and its file replaced."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from dolfinx import mesh as dmesh
 
-from hhr_dolfinx import compat
+from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.body import laws_of_scenes
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -53,7 +53,7 @@ def build_geometry(scene: Scene, group: Group) -> Any:
                 f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: every body and every "
                 "surface with a load, a displacement or a contact needs one; in gmsh, a physical group"
             )
-    _check_cells(mesh, group)
+    _check_cells(scene, mesh, group)
     if scene.hypothesis == "axisymmetric":
         _check_radius(mesh, group)
     names = TagNames.of(groups, mesh.topology.dim, getattr(result, "summary", None))
@@ -107,10 +107,11 @@ def _check_mesh(scene, mesh, group):
         )
 
 
-def _check_cells(mesh, group):
+def _check_cells(scene, mesh, group):
     """Raise SceneError for cells that are folded or without volume, and for ranks without cells.
 
-    Such cells would not be noticed later: K uses the absolute value of Jacobians.
+    Such cells would not be noticed later: K uses the absolute value of Jacobians. A plug-in with the tool ``mending``,
+    a function of the geometry, has the advice for folded cells of second order.
     """
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
@@ -132,13 +133,15 @@ def _check_cells(mesh, group):
     largest = np.abs(jacobians).max(axis=1)
     empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
-    for bad, why in (
-        (~finite, "have coordinates that are not finite"),
-        (empty, "have no volume"),
-        (folded, "are folded or turned inside out"),
+    mend = "mend the mesh there"
+    advice = registry.offered("mending") if degree == 2 else None
+    for bad, why, remedy in (
+        (~finite, "have coordinates that are not finite", mend),
+        (empty, "have no volume", mend),
+        (folded, "are folded or turned inside out", advice(scene.geometry) if advice else mend),
     ):
-        text = f"cells of the mesh {why}, e.g. around {{place}}: mend the mesh there"
-        _refuse(group, "{count} " + text, corners[bad].mean(axis=1))
+        text = "{count} cells of the mesh {why}, e.g. around {place}: {remedy}"
+        _refuse(group, text, corners[bad].mean(axis=1), why=why, remedy=remedy)
     _refuse(
         group,
         "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at {place}: one of them "
@@ -289,11 +292,11 @@ def check_outer(
     )
 
 
-def _refuse(group, text, places):
-    """Raise SceneError on all ranks if any has places, (found, dim); ``text`` uses ``{count}`` and ``{place}``."""
+def _refuse(group, text, places, **words):
+    """Raise SceneError on all ranks if any has places, (found, dim); ``text`` uses ``{count}``, ``{place}``, words."""
     found = [place for part in group.gathered(places.tolist()) for place in part]
     if found:
-        raise SceneError(text.format(count=len(found), place=found[0]))
+        raise SceneError(text.format(count=len(found), place=found[0], **words))
 
 
 def conditions_with_unknowns(

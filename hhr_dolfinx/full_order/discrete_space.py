@@ -78,7 +78,7 @@ class DiscreteSpace(ABC):
         return self._trial, self._test
 
     def cells_of(self, tag: Tag) -> np.ndarray:
-        """Numbers of the cells of a body on this rank."""
+        """Local numbers of the cells of a body."""
         return tagged(self._cell_tags, self.names.cell(tag))
 
     def cells(self, tag: Tag) -> ufl.Measure:
@@ -233,7 +233,7 @@ class DiscreteSpace(ABC):
         inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):
             cell = to_cell.links(facet)[0]
-            # each rank contributes the facets of its cells
+            # all contribute the facets of their cells
             if cell < topology.index_map(tdim).size_local:
                 local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
                 cell_nodes = dofmap.cell_dofs(cell)

@@ -30,7 +30,7 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.free_bodies import check_held, described, free_bodies, rigid_lifts
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.materials.elasticity import lame_parameters
@@ -242,10 +242,7 @@ class Discretisation(DiscreteSpace):
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
         loose = problem.movable if self.springs is None else problem.movable & (self.springs == 0)
-        if problem.followers is not None:
-            check_held(self.scene, problem.points, problem.cell_nodes, problem.followers, ~loose)
-            return self._warned(problem)
-        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose)
+        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose, problem.followers)
         if free:
             if "kernel" not in registry.named("tools"):
                 raise NotSolvableError(

@@ -9,14 +9,13 @@ is pressed down by its top, that motion of the whole body has these values too, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.followers import Followers
-from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
@@ -25,12 +24,13 @@ ALMOST_NONE = 1e-9
 
 @dataclass(frozen=True)
 class FreeBody:
-    """A connected component with rigid-body motions."""
+    """A connected component with rigid-body motions, or several that constraints join."""
 
     name: str  # of its bodies, for messages
     nodes: np.ndarray
     motions: np.ndarray  # all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
-    left: np.ndarray  # motions compatible with imposed displacements, orthonormal combinations, (l, k)
+    left: np.ndarray  # compatible with imposed displacements and constraints, orthonormal combinations, (l, k)
+    parts: tuple[FreeBody, ...] = ()  # joined components with all of their motions, in the order of the motions
 
     def columns(self, count: int) -> np.ndarray:
         """The remaining motions on all nodes, (nodes dim, l)."""
@@ -40,49 +40,63 @@ class FreeBody:
 
 
 def free_bodies(
-    scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray
+    scene: Scene,
+    points: np.ndarray,
+    cell_nodes: np.ndarray,
+    bodies: np.ndarray,
+    free: np.ndarray,
+    followers: Followers | None = None,
 ) -> list[FreeBody]:
-    """Bodies with rigid motions that vanish on their imposed dofs.
+    """Bodies with rigid motions that vanish on their imposed dofs and satisfy the constraints of their followers.
 
     Arguments are those of :func:`rigid_lifts`, and the index in the scene of the body of each cell, (cells,).
     """
     part = components_of_nodes(len(points), cell_nodes)
     imposed = ~free.reshape(points.shape)
-    found = []
+    components = []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
-        held = motions[:, imposed[nodes]].T
-        _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
-        left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
-        if len(left):
-            tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
-            name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
-            found.append(FreeBody(name, nodes, motions, left))
-    return found
+        tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
+        name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
+        components.append(FreeBody(name, nodes, motions, np.eye(len(motions))))
+    if followers is None or followers.map is None:
+        left = (replace(one, left=_kernel(one.motions[:, imposed[one.nodes]].T)) for one in components)
+        return [one for one in left if len(one.left)]
+    groups = _groups(components, followers, points)
+    joined = (_joined(group, followers, points, imposed, scene.hypothesis) for group in groups)
+    return [one for one in joined if len(one.left)]
 
 
-def check_held(
-    scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, followers: Followers, imposed: np.ndarray
-) -> None:
-    """Raise NotSolvableError for bodies that displacements and constraints leave free, by ``imposed`` dofs, (N,)."""
-    part = components_of_nodes(len(points), cell_nodes)
-    columns = []
-    for number in np.unique(part[cell_nodes[:, 0]]):
-        nodes = np.flatnonzero(part == number)
-        for way in rigid_motions(points[nodes], scene.hypothesis):
-            columns.append(np.zeros(points.shape))
-            columns[-1][nodes] = way
-    every = np.array(columns).reshape(len(columns), -1).T
-    rows = np.vstack([every[imposed], followers.broken(every), np.zeros((every.shape[1],) * 2)])
-    sizes = np.linalg.svd(rows, compute_uv=False)
-    left = int((sizes <= ALMOST_NONE * np.sqrt(len(rows))).sum())
-    if left:
-        raise NotSolvableError(
-            f"displacements and constraints of scene '{scene.name}' leave its bodies {left} ways to move: impose "
-            "displacements that hold them, since constraints need it. If contact holds a body, add soft springs: "
-            "hhr.Springs(surface, component, stiffness, bedding=True)"
-        )
+def _kernel(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations, (l, k), of columns, (n, k) of size 1, on which rows vanish."""
+    _, sizes, ways = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), full_matrices=False)
+    return ways[sizes <= ALMOST_NONE * np.sqrt(max(len(rows), 1))]
+
+
+def _groups(components: list[FreeBody], followers: Followers, points: np.ndarray) -> list[list[FreeBody]]:
+    """Components that constraints join."""
+    owner = np.full(len(points), -1)
+    for number, one in enumerate(components):
+        owner[one.nodes] = number
+    rows, columns = (owner[dofs // points.shape[1]] for dofs in followers.everywhere.nonzero())
+    graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return [[components[k] for k in np.flatnonzero(labels == label)] for label in np.unique(labels)]
+
+
+def _joined(
+    parts: list[FreeBody], followers: Followers, points: np.ndarray, imposed: np.ndarray, hypothesis: str
+) -> FreeBody:
+    """One body of several components, whose motions satisfy the constraints: those of it as a whole, or of parts."""
+    nodes = np.sort(np.concatenate([one.nodes for one in parts]))
+    whole = rigid_motions(points[nodes], hypothesis)
+    alone = FreeBody(" with ".join(one.name for one in parts), nodes, whole, np.eye(len(whole)))
+    moving, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([alone], parts))
+    left, own = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (moving, apart))
+    if len(own) > len(left):
+        moving, left, alone = apart, own, replace(alone, parts=tuple(parts))
+    return replace(alone, motions=moving.T.reshape(-1, *points.shape)[:, nodes], left=left)
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
@@ -109,6 +123,14 @@ def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
 
 def described(body: FreeBody, ways: np.ndarray) -> str:
     """Description of combinations of motions of a body, (n, k): along axes, along directions, or rotations."""
+    if body.parts:
+        ends = np.cumsum([len(part.motions) for part in body.parts])[:-1]
+        texts = []
+        for part, own in zip(body.parts, np.split(ways, ends, axis=1), strict=True):
+            _, sizes, rows = np.linalg.svd(own, full_matrices=False)
+            if len(kept := rows[sizes > ALMOST_NONE]):
+                texts.append(f"{part.name} {described(part, kept)}")
+        return f"moves in parts: {'; '.join(texts)}"
     shifts = body.motions.shape[2]
     if len(body.motions) == 1:
         return "moves along axis 1"

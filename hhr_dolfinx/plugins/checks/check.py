@@ -11,10 +11,9 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
-from hhr_dolfinx.full_order.free_bodies import check_held, described, free_bodies
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
@@ -218,24 +217,17 @@ def sag_of(surface: Surface) -> float:
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     springs = found.meshed.springs
     loose = problem.movable if springs is None else problem.movable & (springs == 0)
-    if problem.followers is not None:  # a body may be held by another one
-        where = problem.points, problem.cell_nodes, problem.followers, ~loose
-        try:
-            check_held(found.scene, *where)
-        except NotSolvableError as error:
-            found.say(str(error), MISTAKE)
-        else:
-            found.say("displacements and constraints hold every body")
-        return
     owner = found.meshed.cell_bodies()
-    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose)
+    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose, problem.followers)
     for body in free:
         found.note(
             f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
             "meant, hold it by a Displacement"
         )
     if not free:
-        found.say("displacements hold every body")
+        found.say(
+            "displacements and constraints hold every body" if problem.followers else "displacements hold every body"
+        )
 
 
 def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:

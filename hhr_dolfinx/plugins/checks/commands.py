@@ -8,7 +8,7 @@ from pathlib import Path
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.registry import named
+from hhr_dolfinx.registry import named, offered
 
 with extra("study", "the command hhr"):
     import click
@@ -87,6 +87,8 @@ def _contents_of(name: str, picture: Path | None) -> str:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
         found = f"{found}\n  surfaces that face each other, for contacts, with their smallest gaps:\n{lines}{more}"
+    if (folded := offered("folded")) and (said := folded(raw, name)):
+        found = f"{found}\n{said}"
     if picture is not None:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 

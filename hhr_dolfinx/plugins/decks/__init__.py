@@ -4,11 +4,22 @@ from hhr_dolfinx.registry import Plugin
 
 _LOADS = "hhr_dolfinx.plugins.decks.nodal_forces"
 _MESH = "hhr_dolfinx.plugins.decks.with_outside"
+_FIELD = "hhr_dolfinx.plugins.decks.temperatures"
 
 PLUGIN = Plugin(
     name="decks",
-    needs=("places", "mortar", "friction", "inelastic", "volume_loads", "checks", "constraints", "obstacles"),
-    public={_LOADS: "NodalForces", _MESH: "WithOutside"},
+    needs=(
+        "places",
+        "mortar",
+        "friction",
+        "inelastic",
+        "volume_loads",
+        "checks",
+        "constraints",
+        "obstacles",
+        "second_order",
+    ),
+    public={_LOADS: "NodalForces", _MESH: "WithOutside", _FIELD: "DeckTemperatures"},
     parts={
         "loads": {_LOADS: "NodalForces"},
         "geometries": {_MESH: "WithOutside"},

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError, FileError
-from hhr_dolfinx.plugins.decks.deck import Deck
+from hhr_dolfinx.plugins.decks.deck import Deck, Left
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 with extra("study", "the command hhr"):
     import click
@@ -64,9 +69,21 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         mesh = mesh or next((one for one in beside if one.is_file()), None)
         if mesh is None:
             raise FileContentError(f"{path} names no mesh: give its file, --mesh part.med")
-        return read_comm(path, mesh, NamedParts(MeshFile(mesh).read()))
+        parts = NamedParts(MeshFile(mesh).read())
+        return _without_folds(read_comm(path, mesh, parts), parts.raw)
     parts = NamedParts(MeshFile(path).read())
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
     found = [Block(path.name, *block) for block in blocks(path)] if deck else []
     physics = of_kind(found, "SOLID SECTION", "STEP")
-    return read_inp(path, found, parts, DeckNodes(flat_deck(path))) if physics else template(path, parts)
+    made = read_inp(path, found, parts, DeckNodes(flat_deck(path))) if physics else template(path, parts)
+    return _without_folds(made, parts.raw)
+
+
+def _without_folds(deck: Deck, raw: RawMesh) -> Deck:
+    """The deck, with a mark if its mesh has folded cells of second order."""
+    from hhr_dolfinx.plugins.second_order.untangled import folded
+
+    if not (count := len(folded(raw))):
+        return deck
+    why = f"{count} cells are folded, and hhr.Untangled straightens them: look at it, how='gmsh' bends others instead"
+    return replace(deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", why)))

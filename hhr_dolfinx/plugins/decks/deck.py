@@ -5,6 +5,7 @@ Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,6 +66,7 @@ class Pair:
     source: str
     gap: float = 0.0
     motion: tuple[float, ...] = ()
+    origin: tuple[float, ...] = ()  # place without the motion, empty for zeros
     direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
 
 
@@ -80,9 +82,21 @@ class Left:
         return f"TODO {self.source} {self.keyword}: {self.why}"
 
 
+Item = Load | Support | Pair | Section
+"""A part of a deck with a value that a parameter may be."""
+
+
+@dataclass(frozen=True)
+class History:
+    """Courses of the quantities of a deck over its steps: fractions of their values in the deck, linear in between."""
+
+    times: tuple[float, ...]  # in s from rest, which is 0
+    courses: Mapping[Item, tuple[float, ...]]  # one fraction for each time
+
+
 @dataclass(frozen=True)
 class Deck:
-    """Contents of a deck at the end of its last step."""
+    """Contents of a deck at the end of its last step, or the largest values of its steps with their history."""
 
     path: Path  # file of the mesh
     hypothesis: str
@@ -94,3 +108,5 @@ class Deck:
     seconds: float = 1.0  # duration of all steps, for laws with rates
     constraints: tuple[Load, ...] = ()
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
+    history: History | None = None  # None where the end of the last step is all that counts
+    folded: bool = False  # True for a mesh with folded cells of second order

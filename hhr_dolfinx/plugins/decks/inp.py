@@ -7,7 +7,7 @@ give by their numbers, see :func:`~hhr_dolfinx.geometries.abaqus_blocks.name_of_
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,13 @@ from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Sec
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
+from hhr_dolfinx.plugins.decks.inp_history import in_order, with_history
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, imposed_of, merged, of_kind, period_of
-from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
+from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
@@ -59,56 +61,98 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     cuts, parts = sections_of(found, parts, nodes, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, left)
-    materials = {item.tag: item.material for item in sections}
-    state = imposed_of(found)
-    tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
-    # nodes that move rigid tools are no nodes of cells: their motions are gaps
-    own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
     if hypothesis == "axisymmetric":
         thickness = 1.0
-    constraints: list[Load] = []
-    forces: list[Load] = []
-    for made in (
-        lambda given: preloads_of(cuts, given, nodes, thickness, left),
-        lambda given: coupled_of(found, given, parts, nodes, hypothesis, thickness, left),
-        lambda given: equations_of(found, given, parts, nodes, thickness, left),
-    ):
-        own, *more = made(own)
-        constraints += more[0]
-        forces += more[1]
-    constraints += ties_of(found, parts, left)
-    supports, loads = loads_of(found, merged(own), parts, materials, thickness, left)
-    loads += forces
-    touching = pairs_of(found, parts, nodes, state, left)
-    if not (touching or supports or constraints):
-        raise SceneError(
-            f"{path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: hold them "
-            "by *BOUNDARY" + "".join(f". {item}" for item in left)
+    reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
+    final = imposed_of(found)
+    reader = replace(reader, left=(*left, *_overlapping(final, parts)))
+    deck = reader.deck(final)
+    remembers = any(item.material.law for item in sections) or any(pair.friction for pair in deck.pairs)
+    return with_history(deck, found, reader.deck) if remembers else deck
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """Parts of a deck that are the same in all of its steps."""
+
+    path: Path
+    found: Sequence[Block]
+    whole: NamedParts  # before it is cut
+    parts: NamedParts
+    nodes: DeckNodes
+    hypothesis: str
+    sections: tuple[Section, ...]
+    thickness: float  # of a plane body, a length
+    cuts: Sequence[BoltSection]
+    left: tuple[Left, ...]
+
+    def deck(self, state: Sequence[Imposed]) -> Deck:
+        """Contents of the deck with some supports and loads."""
+        found, parts, nodes, thickness = self.found, self.parts, self.nodes, self.thickness
+        left = list(self.left)
+        tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
+        # nodes that move rigid tools are no nodes of cells: their motions are gaps
+        own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+        constraints: list[Load] = []
+        forces: list[Load] = []
+        for made in (
+            lambda given: preloads_of(self.cuts, given, nodes, thickness, left),
+            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, thickness, left),
+            lambda given: equations_of(found, given, parts, nodes, thickness, left),
+        ):
+            own, *more = made(own)
+            constraints += more[0]
+            forces += more[1]
+        constraints += ties_of(found, parts, left)
+        materials = {item.tag: item.material for item in self.sections}
+        supports, loads = loads_of(merged(own), parts, materials, thickness, left)
+        loads += heated_of(found, own, nodes, materials, left)
+        touching = pairs_of(found, parts, nodes, state, left)
+        if not (touching or supports or constraints):
+            raise SceneError(
+                f"{self.path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: "
+                "hold them by *BOUNDARY" + "".join(f". {item}" for item in left)
+            )
+        deck = Deck(
+            self.path,
+            self.hypothesis,
+            self.sections,
+            tuple(supports),
+            (*loads, *forces),
+            touching or _out_of_reach(self.whole, parts, supports),
+            in_order(left),
+            sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
+            tuple(constraints),
+            tuple(one.name for one in self.cuts),
         )
-    pairs = touching or _out_of_reach(whole, parts, supports)
-    steps = of_kind(found, "STEP")
-    if len(steps) > 1 and (any(one.law for one in materials.values()) or any(pair.friction for pair in pairs)):
-        left.append(steps[1].left("the answer depends on the path of the steps, and one step from rest is written"))
-    order = tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
-    seconds = sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0
-    names = tuple(one.name for one in cuts)
-    deck = Deck(path, hypothesis, (*sections,), (*supports,), (*loads,), pairs, order, seconds, (*constraints,), names)
-    deck = with_springs(deck, parts) if touching and constraints else deck
-    return deck if touching and not constraints and _springs_needed(deck, parts) else _with_20_nodes(deck, nodes)
-
-
-def _springs_needed(deck: Deck, parts: NamedParts) -> bool:
-    """True if contact alone holds a body."""
-    return with_springs(deck, parts).loads != deck.loads
+        flows = any(item.material.law for item in self.sections)
+        if not (touching and flows):
+            return _with_20_nodes(deck, nodes)
+        soft = with_springs(deck, parts)
+        if constraints:
+            return _with_20_nodes(soft, nodes)
+        return deck if soft.loads != deck.loads else _with_20_nodes(deck, nodes)
 
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
     """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
     kinds = {nodes.deck.types[number].strip() for number in nodes.solids}
-    if not kinds <= {"C3D20", "CPE8"} or not kinds:
+    if not kinds or not kinds <= {"C3D20", "CPE8"}:
         return deck
     made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
     return replace(deck, constraints=(*deck.constraints, made))
+
+
+def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
+    """Supports and forces of which a later step gives some nodes anew: their sets are not split."""
+    given: dict[tuple[str, int, int], Imposed] = {}
+    for item in sorted(state, key=lambda item: item.since):
+        place = parts.place(item.place) if item.block.keyword in ("BOUNDARY", "CLOAD") else None
+        for node in parts.nodes(place).tolist() if place is not None else ():
+            before = given.setdefault((item.block.keyword, item.component, node), item)
+            if before.since < item.since:
+                yield item.block.left(f"nodes of it have values in {before.block.source} too: both act here")
+                break
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:

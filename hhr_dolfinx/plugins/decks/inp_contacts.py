@@ -9,7 +9,7 @@ import numpy as np
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
-from hhr_dolfinx.plugins.decks.inp_tools import tool_of
+from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 STRAIGHT = 1e-9
@@ -50,9 +50,10 @@ def pairs_of(
                 text = f"hhr.Obstacle({deformable!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
                 pairs.append(Pair(text, coefficient, block.source, float(motion @ normal)))
             elif lost[0] in tools and deformable is not None:
-                text, motion = tools[lost[0]]
-                text = text.replace("{surface}", repr(deformable))
-                pairs.append(Pair(text, coefficient, block.source, motion=tuple(motion.tolist())))
+                tool, motion = tools[lost[0]]
+                text = tool.text.replace("{surface}", repr(deformable))
+                moved = tuple(motion.tolist())
+                pairs.append(Pair(text, coefficient, block.source, motion=moved, origin=tool.origin))
             else:
                 left.append(
                     block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid surface that is read")
@@ -90,8 +91,8 @@ def is_tool(block: Block, parts: NamedParts) -> bool:
 
 def _rigid(
     found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed]
-) -> tuple[dict[str, Plane], dict[str, tuple[str, np.ndarray]]]:
-    """Rigid surfaces by their names in capitals: planes, and texts and motions of curved ones."""
+) -> tuple[dict[str, Plane], dict[str, tuple[Tool, np.ndarray]]]:
+    """Rigid surfaces by their names in capitals: planes, and curved ones with their motions."""
     dim = parts.raw.dim
     motions: dict[str, np.ndarray] = {}
     for block in of_kind(found, "RIGID BODY"):
@@ -102,13 +103,13 @@ def _rigid(
             if item.row[0].upper() == block.word("REF NODE") and item.moves(dim) and item.component < dim:
                 motion[item.component] = item.factor
     planes = {}
-    tools = {}
-    for block in of_kind(found, "SURFACE"):
+    tools: dict[str, tuple[Tool, np.ndarray]] = {}
+    for block in (one for one in of_kind(found, "SURFACE") if not _in_moved_part(found, one)):
         name = owner = block.option("NAME").upper()
         firsts = [row[0].upper() for row in block.rows]
         points: list[list[float]] = []
-        profile = block.word("TYPE") in ("SEGMENTS", "CYLINDER")
-        if profile and firsts[:1] == ["START"] and set(firsts[1:]) == {"LINE"}:
+        profile = block.word("TYPE") in ("SEGMENTS", "CYLINDER", "REVOLUTION")
+        if block.word("TYPE") != "REVOLUTION" and profile and firsts[:1] == ["START"] and set(firsts[1:]) == {"LINE"}:
             points = [[*[*block.numbers(row, 1), 0.0, 0.0][:2], 0.0] for row in block.rows]
         elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
             owner = firsts[0]
@@ -117,9 +118,20 @@ def _rigid(
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
             planes[name] = plane[0][:dim], plane[1][:dim], motion
-        elif (profile or owner in motions) and (text := tool_of(block, "" if profile else owner, nodes, dim)):
-            tools[name] = text, motion
+        elif (profile or owner in motions) and (tool := tool_of(block, "" if profile else owner, nodes, dim)):
+            tools[name] = tool, motion
     return planes, tools
+
+
+def _in_moved_part(found: Sequence[Block], surface: Block) -> bool:
+    """True for an analytical surface of a part, or in an instance, that the assembly moves."""
+    if not surface.word("TYPE"):
+        return False
+    around = [one for one in of_kind(found, "PART", "END PART", "INSTANCE", "END INSTANCE") if one.line < surface.line]
+    inner = around[-1] if around else surface
+    part = inner.word("NAME") if inner.keyword == "PART" else None
+    instances = [one for one in of_kind(found, "INSTANCE") if one is inner or (part and one.word("PART") == part)]
+    return any(any(one.numbers(row)) for one in instances for row in one.rows)
 
 
 def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Support, Tag
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 MANY = 8
@@ -15,7 +15,6 @@ MANY = 8
 
 
 def loads_of(
-    found: Sequence[Block],
     state: Sequence[Imposed],
     parts: NamedParts,
     bodies: Mapping[Tag, Material],
@@ -44,7 +43,7 @@ def loads_of(
             forces.setdefault(block.source, []).append((place, item.component, item.factor / thickness))
     for source, own in forces.items():
         loads += _forces(source, own, dim)
-    return supports, [*loads, *_heated(found, state, parts, bodies, left)]
+    return supports, loads
 
 
 def _unit(component: int, dim: int) -> tuple[float, ...]:
@@ -94,34 +93,4 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
             text = f"hhr.BodyForce({tag!r}, {_unit('XYZ'.index(label[1]), dim)}, {{}})"
         kind = {"G": "weight", "C": "rotation", "B": "body_force"}[label[0]]
         loads.append(Load(kind, text, value * density, source))
-    return loads
-
-
-def _heated(
-    found: Sequence[Block],
-    state: Sequence[Imposed],
-    parts: NamedParts,
-    bodies: Mapping[Tag, Material],
-    left: list[Left],
-) -> list[Load]:
-    """Thermal expansion of bodies with one temperature each, above that of *INITIAL CONDITIONS."""
-    rise = np.zeros(len(parts.raw.points))
-    final = [item for item in state if item.block.keyword == "TEMPERATURE"]
-    starts = [one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"]
-    initial = [(-1.0, block, row) for block in starts for row in block.rows if len(row) > 1]
-    for factor, block, row in (*initial, *((item.factor, item.block, item.row) for item in final)):
-        if (place := parts.place(row[0])) is not None:
-            rise[parts.nodes(place)] += factor * block.number(row[1])
-        else:
-            left.append(block.left(f"'{row[0]}' is no set of nodes of the mesh"))
-    loads = []
-    for tag, material in bodies.items() if final else ():
-        own = rise[np.unique(parts.raw.cells[parts.raw.bodies[tag]])]
-        if not material.expansion or not own.any():
-            continue
-        if np.ptp(own) > 1e-9 * np.abs(own).max():
-            left.append(final[0].block.left(f"the temperature of body '{tag}' differs in it: give a field"))
-            continue
-        text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}})"
-        loads.append(Load("temperature", text, float(own[0]), final[0].block.source))
     return loads

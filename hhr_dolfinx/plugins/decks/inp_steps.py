@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +15,8 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded, number_of
 from hhr_dolfinx.plugins.decks.deck import Left
 
+IMPOSING = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE")
+"""Keywords of supports and loads."""
 _TYPES = {"ENCASTRE": tuple(range(6)), "PINNED": (0, 1, 2), "XSYMM": (0, 4, 5), "YSYMM": (1, 3, 5), "ZSYMM": (2, 3, 4)}
 """Components that supports by a word hold, 3 to 5 are rotations of reference nodes."""
 
@@ -72,45 +76,97 @@ class Imposed:
     place: str  # name of the nodes, faces or cells
     component: int  # of a support or of a force, -1 for other loads
     factor: float  # amplitude at the end of its step, times the value of a support or of a force
+    since: float = 0.0  # time at which its step begins
+
+    @property
+    def unit(self) -> float:
+        """Value of the row that the factor multiplies, 1 for a support or a force."""
+        place = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
+        return sum(self.block.numbers(self.row[: place + 1], place)) if place < len(self.row) else 1.0
 
     def moves(self, dim: int) -> bool:
         """True for a support that imposes a translation, or no rotation."""
         return self.block.keyword == "BOUNDARY" and (self.component < dim or not self.factor)
 
 
-def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
-    """Supports and loads that act at the end of the last step.
+@dataclass(frozen=True)
+class Step:
+    """A step of a deck: its first and last total time, and its blocks; blocks before all steps are one, too."""
 
-    Rows of later steps replace those of the same place but FIXED ones; loads of one step add up, and of supports the
-    last one holds.
-    """
-    state: dict[tuple[str, str, object], list[Imposed]] = {}
-    curves = {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
+    start: float
+    end: float
+    blocks: Sequence[Block]
+
+    @property
+    def sudden(self) -> bool:
+        """True if loads without an amplitude are there at once, not in proportion to the time of the step."""
+        return self.blocks[0].keyword == "STEP" and self.blocks[0].word("AMPLITUDE") == "STEP"
+
+
+class Key(NamedTuple):
+    """Quantity that rows of a deck impose: keyword, name or number of the place in capitals, label or component."""
+
+    keyword: str
+    place: str
+    detail: object
+
+
+State = Mapping[Key, Sequence[Imposed]]
+"""Rows that act, by what tells each quantity from others; rows of one quantity add up."""
+
+
+def steps_of(found: Sequence[Block]) -> list[Step]:
+    """Steps of a deck in their order, before them the blocks without a step."""
+    starts = [0, *(number for number, block in enumerate(found) if block.keyword == "STEP"), len(found)]
+    steps = []
     end = 0.0
-    period = 1.0
+    for first, last in pairwise(starts):
+        own = found[first:last]
+        start = end
+        if first:
+            end += next(map(period_of, of_kind(own, "STATIC", "VISCO")), 1.0)
+        steps.append(Step(start, end, own))
+    return steps
+
+
+def state_after(step: Step, before: State, curves: Mapping[str, Block], time: float = math.inf) -> State:
+    """Supports and loads after a step, or at a time in it at which amplitudes are those of the time.
+
+    Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add up, and of supports
+    the last one holds.
+    """
+    state = {key: [*items] for key, items in before.items()}
     seen: set[str] = set()
-    of_step: set[tuple[str, str, object]] = set()
-    for number, block in enumerate(found):
-        if block.keyword == "STEP":
-            seen = set()
-            of_step = set()
-            period = next(map(period_of, of_kind(found[number:], "STATIC", "VISCO")), 1.0)
-            end += period
-        if block.keyword not in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE"):
-            continue
+    of_step: set[Key] = set()
+    for block in of_kind(step.blocks, *IMPOSING):
         if block.word("OP") == "NEW" and block.keyword not in seen:
-            state = {key: item for key, item in state.items() if key[0] != block.keyword}
+            state = {key: items for key, items in state.items() if key.keyword != block.keyword}
         seen.add(block.keyword)
-        factor = _factor(block, curves, period, end)
+        factor = _factor(block, curves, min(time, step.end) - step.start, min(time, step.end))
         for row in block.rows:
             for detail, item in _rows(block, row, factor):
-                key = (block.keyword, row[0].upper(), detail)
+                key = Key(block.keyword, row[0].upper(), detail)
                 if key in state and "FIXED" in block.options:
                     continue
-                before = state.pop(key, [])
+                item = replace(item, since=step.start)
+                given = state.pop(key, [])
                 adds = key in of_step and block.keyword in ("CLOAD", "DLOAD", "DSLOAD")
-                state[key] = [*before, item] if adds else [item]
+                state[key] = [*given, item] if adds else [item]
                 of_step.add(key)
+    return state
+
+
+def curves_of(found: Sequence[Block]) -> dict[str, Block]:
+    """Amplitudes by their names in capitals."""
+    return {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
+
+
+def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
+    """Supports and loads that act at the end of the last step."""
+    state: State = {}
+    curves = curves_of(found)
+    for step in steps_of(found):
+        state = state_after(step, state, curves)
     return tuple(item for items in state.values() for item in items)
 
 
@@ -159,17 +215,29 @@ def period_of(block: Block) -> float:
     return block.number(block.rows[0][1]) if block.rows and len(block.rows[0]) > 1 and block.rows[0][1] else 1.0
 
 
-def _factor(block: Block, curves: Mapping[str, Block], period: float, end: float) -> float:
-    """Value of the amplitude of a block at the end of the step, 1 without one."""
-    name = block.word("AMPLITUDE")
-    if not name:
-        return 1.0
-    if name not in curves:
-        raise FileContentError(f"{block.source} *{block.keyword}: there is no amplitude '{name}'")
-    curve = curves[name]
+def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
+    """Times of an amplitude, with its delay, and its values there."""
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")
-    time = end if curve.word("TIME").startswith("TOTAL") else period
-    delay = curve.number(block.options.get("TIME DELAY", "0"))
-    return float(np.interp(time - delay, values[::2], values[1::2]))
+    delay = curve.number(curve.options.get("TIME DELAY", "0"))
+    return [time + delay for time in values[::2]], values[1::2]
+
+
+def curve_of(block: Block, curves: Mapping[str, Block]) -> Block | None:
+    """Amplitude of a block, None without one; FileContentError for an unknown one."""
+    name = block.word("AMPLITUDE")
+    if name and name not in curves:
+        raise FileContentError(f"{block.source} *{block.keyword}: there is no amplitude '{name}'")
+    return curves[name] if name else None
+
+
+def in_total_time(curve: Block) -> bool:
+    """True for an amplitude of the time of all steps."""
+    return curve.word("TIME").startswith("TOTAL")
+
+
+def _factor(block: Block, curves: Mapping[str, Block], of_step: float, total: float) -> float:
+    """Value of the amplitude of a block at a time of the step and of all steps, 1 without one."""
+    curve = curve_of(block, curves)
+    return 1.0 if curve is None else float(np.interp(total if in_total_time(curve) else of_step, *points_of(curve)))

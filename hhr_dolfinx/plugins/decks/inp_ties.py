@@ -20,7 +20,7 @@ ROUNDED = 1e-4
 """Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
 
 
-class Section(NamedTuple):
+class BoltSection(NamedTuple):
     """Section of a preloaded bolt: its block, the surface, and the sign of loads that draw its sides together."""
 
     block: Block
@@ -80,9 +80,9 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
 
 def sections_of(
     found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, left: list[Left]
-) -> tuple[list[Section], NamedParts]:
+) -> tuple[list[BoltSection], NamedParts]:
     """Sections of preloaded bolts, and the mesh that is cut there."""
-    sections: list[Section] = []
+    sections: list[BoltSection] = []
     for block in of_kind(found, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
         if not isinstance(name, str):
@@ -94,7 +94,7 @@ def sections_of(
         except FileContentError as error:
             left.append(block.left(f"the mesh cannot be cut there: {error}"))
             continue
-        sections.append(Section(block, name, sign))
+        sections.append(BoltSection(block, name, sign))
     return sections, parts
 
 
@@ -114,7 +114,7 @@ def _sign(block: Block, middle: np.ndarray, nodes: DeckNodes) -> float:
 
 
 def preloads_of(
-    sections: Sequence[Section],
+    sections: Sequence[BoltSection],
     state: Sequence[Imposed],
     nodes: DeckNodes,
     thickness: float,

@@ -1,8 +1,9 @@
-"""Curved rigid surfaces of a deck: profiles of lines and arcs in the plane, and rigid elements."""
+"""Curved rigid surfaces of a deck: profiles of lines and arcs, also swept and revolved in space, and rigid elements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,19 +12,30 @@ from hhr_dolfinx.plugins.decks.inp_steps import Block
 
 ARC = np.deg2rad(1.0)
 """Angle of the chords of an arc, which are within 4e-5 of its radius of it."""
+TURNS = 120
+"""Facets around a surface of revolution, which are within 4e-4 of its radius of it."""
 MOST = 2000
 """Facets of a rigid surface that a scene file lists."""
 
 
-def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> str:
-    """Obstacle of a rigid *SURFACE as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its friction.
+@dataclass(frozen=True)
+class Tool:
+    """A rigid surface as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its friction."""
 
-    ``owner`` is the set of rigid elements of the surface, empty for an analytical one. The text is empty for a surface
-    without counterpart.
+    text: str
+    origin: tuple[float, ...] = ()  # its place where it does not move, empty for zeros
+
+
+def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
+    """Obstacle of a rigid *SURFACE; None for one without counterpart.
+
+    ``owner`` is the set of rigid elements of the surface, empty for an analytical one.
     """
     if block.word("TYPE") == "SEGMENTS" and dim == 2:
-        points = _profile(block)
-        return _drawn(points) if len(points) > 1 else ""
+        points = _profile(block, block.rows)
+        return _drawn(points) if len(points) > 1 else None
+    if block.word("TYPE") in ("CYLINDER", "REVOLUTION") and dim == 3:
+        return _in_space(block, nodes)
     elements = [
         nodes.deck.whole[one]
         for one in nodes.deck.element_sets.get(owner, ())
@@ -32,25 +44,75 @@ def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> str:
     sizes = {len(one) for one in elements}
     if dim == 2 and sizes == {2}:
         line = _chain(elements)
-        return _drawn(np.array([nodes.point(number)[:2] for number in line])) if line else ""
+        return _drawn(np.array([nodes.point(number)[:2] for number in line])) if line else None
     if dim != 3 or not sizes or not sizes <= {3, 4} or len(elements) > MOST:
-        return ""
+        return None
     used = sorted({number for one in elements for number in one})
     index = {number: k for k, number in enumerate(used)}
     places = [tuple(nodes.point(number).tolist()) for number in used]
     facets = [[[index[number] for number in one] for one in elements if len(one) == size] for size in sorted(sizes)]
-    lists = ", ".join(map(repr, (places, *facets)))
-    return f"hhr.RigidMesh({{surface}}, ({lists}), place={{place}}{{}})"
+    return Tool(_mesh(places, *facets))
 
 
-def _drawn(points: np.ndarray) -> str:
-    return f"hhr.Profile({{surface}}, {points.round(12).tolist()!r}, smooth=False, place={{place}}{{}})"
+def _mesh(places: Sequence[Sequence[float]], *facets: Sequence[Sequence[int]]) -> str:
+    return f"hhr.RigidMesh({{surface}}, ({', '.join(map(repr, (places, *facets)))}), place={{place}}{{}})"
 
 
-def _profile(block: Block) -> np.ndarray:
+def _drawn(points: np.ndarray) -> Tool:
+    return Tool(f"hhr.Profile({{surface}}, {points.round(12).tolist()!r}, smooth=False, place={{place}}{{}})")
+
+
+def _swept(rows: np.ndarray, closed: bool) -> Tool | None:
+    """Facets between neighbouring rows of points, (rows, n, 3), of the last and the first too if it is closed."""
+    count, n = rows.shape[:2]
+    number = np.arange(count * n).reshape(count, n)
+    if closed:
+        number = np.vstack([number, number[:1]])
+    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    return Tool(_mesh(rows.reshape(-1, 3).round(12).tolist(), quads.tolist())) if len(quads) <= MOST else None
+
+
+def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
+    """Profile that is swept along a generator, or revolved about an axis: a sphere, or facets.
+
+    Points a, b and c before START give the axes, else they are those of the deck, and y is the axis of revolution.
+    """
+    first = next((k for k, row in enumerate(block.rows) if row[0].upper() == "START"), 0)
+    given = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
+    profile = _profile(block, block.rows[first:])
+    if len(profile) < 2 or given.size not in (0, 6, 9):
+        return None
+    origin = given[:3] if given.size else np.zeros(3)
+    x = given[3:6] - origin if given.size else np.array([1.0, 0.0, 0.0])
+    every = np.array(list(nodes.deck.nodes.values()))
+    if block.word("TYPE") == "CYLINDER":
+        along = given[6:9] - origin if given.size == 9 else np.array([0.0, 0.0, -1.0])
+        x, along = x / np.linalg.norm(x), along / np.linalg.norm(along)
+        line = origin + profile @ [x, np.cross(x, along)]
+        heights = (every - origin) @ along
+        size = np.ptp(every, axis=0).max()
+        ends = (heights.min() - size, heights.max() + size)
+        rows = np.array([line + end * along for end in ends])
+        return _swept(rows, closed=False)
+    axis = x / np.linalg.norm(x) if given.size else np.array([0.0, 1.0, 0.0])
+    arcs = np.array([block.numbers(row, 1)[2:4] for row in block.rows[first + 1 :] if row[0].upper() == "CIRCL"])
+    if len(arcs) == len(block.rows) - first - 1 and np.allclose(arcs, [0.0, arcs[0][1]], atol=1e-9):
+        centre = origin + arcs[0][1] * axis
+        radius = float(np.linalg.norm(profile[0] - arcs[0]))
+        hole = (np.linalg.norm(every - centre, axis=1) < radius).mean() > 0.5
+        inside = ", inside=True" if hole else ""
+        return Tool(f"hhr.Sphere({{surface}}, {{place}}, {radius!r}{inside}{{}})", tuple(centre.tolist()))
+    across = np.linalg.svd(axis[None])[2][1:]
+    turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
+    ways = np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1]
+    rows = origin + profile[None, :, :1] * ways[:, None, :] + profile[None, :, 1:] * axis
+    return _swept(rows, closed=True)
+
+
+def _profile(block: Block, rows: Sequence[Sequence[str]]) -> np.ndarray:
     """Points of a profile, (n, 2): START, then LINE with an end, or CIRCL with an end and a centre."""
     points: list[np.ndarray] = []
-    for row in block.rows:
+    for row in rows:
         word = row[0].upper()
         numbers = np.array([*block.numbers(row, 1), *(0.0,) * 4][:4])
         if word in ("START", "LINE"):

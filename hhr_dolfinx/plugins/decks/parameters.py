@@ -6,13 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Load, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, Item
 
 MOST = 3
 """Parameters of a scene: two or three can be plotted, and training grows with their number."""
 SPREAD = 0.2
 """Half of the width of the box over the value of the deck, which lies in its middle."""
-Item = Load | Support | Pair | Section
 
 
 @dataclass(frozen=True)
@@ -22,25 +21,42 @@ class Proposed:
     name: str
     value: float
     items: Mapping[Item, float]
+    course: tuple[float, ...] = ()  # fractions of the value at the times of the history of the deck
+    free: bool = True  # False for one that follows its course with the values of the deck
 
     @property
     def box(self) -> tuple[float, float]:
-        """Bounds, of which the smaller comes first."""
-        low, high = sorted(round((1 + part) * self.value, 15) for part in (-SPREAD, SPREAD))
-        return low, high
+        """Bounds of the value, of which the smaller comes first."""
+        low, high = sorted(_short((1 + part) * self.value) for part in (-SPREAD, SPREAD))
+        return (low, high) if self.free else (self.value, self.value)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Bounds over the whole course."""
+        ends = [_short(part * end) for part in self.course or (1.0,) for end in self.box]
+        return min(ends), max(ends)
 
     def amplitude(self, value: float) -> str:
         """Amplitude that is ``value`` at the value of the deck, as text of Python."""
         return repr(self.name) if value == self.value else f"hhr.Amplitude(slopes={{{self.name!r}: {value!r}}})"
+
+    def at(self, number: int) -> str:
+        """Value at a time of the history, as text of Python: a number, or a formula if it is free."""
+        part = self.course[number]
+        if not (self.free and part):
+            return repr(_short(part * self.value))
+        over = f"{_short(part * self.value)!r} / {self.value!r}" if self.value != 1 else repr(part)
+        return repr(self.name if part == 1 else f"{over} * {self.name}")
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
     """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps, then moduli.
 
     Moduli are parameters only without others: models of them are larger, and none is exact for a body that contact
-    alone holds.
+    alone holds. Along a history further parameters drive what changes beside them.
     """
-    groups: dict[tuple[str, str], dict[Item, float]] = {}
+    courses = deck.history.courses if deck.history else {}
+    groups: dict[tuple[str, str, tuple[float, ...]], dict[Item, float]] = {}
     driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.constraints]
     driven += [(item.kind, item, item.value) for item in deck.loads]
     driven += [("displacement", item, item.value) for item in deck.supports]
@@ -48,17 +64,32 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     driven += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
     for kind, item, value in driven:
         if value:
-            groups.setdefault((kind, item.source), {})[item] = value
+            groups.setdefault((kind, item.source, courses.get(item, ())), {})[item] = value
     if not groups:
-        groups = {("young", item.source): {item: item.material.young} for item in deck.sections}
+        groups = {("young", item.source, ()): {item: item.material.young} for item in deck.sections}
     kept = list(groups.items())[:MOST]
-    kinds = [kind for (kind, _), _ in kept]
+    kinds = [kind for (kind, *_), _ in kept]
     found = []
-    for number, (kind, (_, items)) in enumerate(zip(kinds, kept, strict=True)):
-        name = kind if kinds.count(kind) == 1 else f"{kind}_{1 + kinds[:number].count(kind)}"
+    for number, (kind, ((*_, course), items)) in enumerate(zip(kinds, kept, strict=True)):
         values = set(items.values())
-        found.append(Proposed(name, values.pop() if len(values) == 1 else 1.0, items))
+        value = values.pop() if len(values) == 1 else 1.0
+        found.append(Proposed(_numbered(kind, kinds.count(kind), kinds[:number].count(kind)), value, items, course))
+    others: dict[tuple[float, ...], dict[Item, float]] = {}
+    for (*_, course), items in list(groups.items())[MOST:]:
+        if len(set(course)) > 1:
+            others.setdefault(course, {}).update(items)
+    for number, (course, items) in enumerate(others.items()):
+        found.append(Proposed(_numbered("others", len(others), number), 1.0, items, course, free=False))
     return tuple(found)
+
+
+def _short(value: float) -> float:
+    """The number without its round-off, and without the sign of zero."""
+    return float(f"{value:.12g}") + 0.0
+
+
+def _numbered(kind: str, count: int, number: int) -> str:
+    return kind if count == 1 else f"{kind}_{1 + number}"
 
 
 def amplitudes(parameters: Sequence[Proposed]) -> Mapping[Item, str]:

@@ -48,14 +48,13 @@ def template(path: Path, parts: NamedParts) -> Deck:
     elif not supports:
         supports, proposed = _by_places(parts, piece, pairs[0], source, left)
         loads = loads or proposed
-    deck = replace(
+    return replace(
         deck,
         supports=tuple(supports),
         loads=tuple(loads),
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs),
         left=tuple(left),
     )
-    return with_springs(deck, parts) if bolts else deck
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:

@@ -6,10 +6,11 @@ import math
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Load, Pair, Section, Support
-from hhr_dolfinx.plugins.decks.parameters import Item, Proposed, amplitudes, proposed
+from hhr_dolfinx.plugins.decks.deck import Deck, History, Item, Load, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.parameters import Proposed, amplitudes, proposed
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 STEPS = 4
@@ -42,16 +43,21 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
         if name == "constraints" and not deck.constraints:
             continue
         lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
-    bounds = (tuple(one.name for one in parameters), *zip(*(one.box for one in parameters), strict=True))
+    bounds = (tuple(one.name for one in parameters), *zip(*(one.reach for one in parameters), strict=True))
     lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
-    return "\n".join([*lines, *(_paths(deck, parameters) if _flows(deck) else ())]) + "\n"
+    if deck.history is not None:
+        lines += _steps(deck.history, parameters)
+    elif _flows(deck):
+        lines += _paths(deck, parameters)
+    return "\n".join(lines) + "\n"
 
 
 def _geometry(deck: Deck) -> str:
-    if deck.cuts:
-        return f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
     outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
-    return "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    text = "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    if deck.cuts:
+        text = f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
+    return f"hhr.Untangled({text})" if deck.folded else text
 
 
 def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
@@ -68,10 +74,13 @@ def _flows(deck: Deck) -> bool:
 def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
     duration = f" --duration {deck.seconds:g}" if _flows(deck) else ""
     yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
-    yield f"    hhr solve {target.name}{duration}    # the middle of the box, which is the state of the file"
+    if deck.history is None:
+        yield f"    hhr solve {target.name}{duration}    # the middle of the box, which is the state of the file"
+    else:
+        yield f"    hhr march {target.name}    # the steps of the file, one after another"
     yield f"    hhr reduce {target.name}   # a small model for all of the box"
     yield ""
-    for one in parameters:
+    for one in (one for one in parameters if one.free):
         yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, and {one.value:g} in the file."
 
 
@@ -84,13 +93,19 @@ def _body(item: Section, of: Mapping[Item, str]) -> str:
 
 def _pair(pair: Pair, of: Mapping[Item, str]) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
-    place: tuple[float | str, ...] = pair.motion
+    origin = pair.origin or (0.0,) * len(pair.motion)
+    place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
     if pair in of:
         # the amplitude of the length of the motion: a name, or a name and its factor
         name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", of[pair])[0]
         parts = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
-        place = tuple(f"{part!r} * {name}" if part else 0.0 for part in parts)
+        place = tuple(_moved(a, part, name) for a, part in zip(origin, parts, strict=True))
     return f"{pair.text.replace('{}', friction).replace('{place}', repr(place))},  # {pair.source}"
+
+
+def _moved(start: float, part: float, name: str) -> float | str:
+    """A coordinate that follows a parameter."""
+    return (f"{start!r} + {part!r} * {name}" if start else f"{part!r} * {name}") if part else start
 
 
 def _constraint(item: Load, of: Mapping[Item, str]) -> str:
@@ -128,4 +143,23 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
     yield "# load paths for hhr reduce: from the lower corner of the box to any of its points"
     yield "PATHS = hhr.PathFamily("
     yield f"    'loading', scene.parameters, scene.parameters, {start!r}, (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),)"
+    yield ")"
+
+
+def _steps(history: History, parameters: Sequence[Proposed]) -> Iterator[str]:
+    """Paths over the steps of the deck, with values within the boxes of the parameters."""
+    free = [one for one in parameters if one.free]
+    bounds = (tuple(one.name for one in free), *zip(*(one.box for one in free), strict=True))
+    yield "# the steps of the file, for hhr march and hhr reduce: values at the ends of legs, seconds, number of steps"
+    yield "PATHS = hhr.PathFamily("
+    yield "    'steps',"
+    yield "    scene.parameters,"
+    yield f"    hhr.ParameterSpace{bounds},"
+    yield f"    {{{', '.join(f'{one.name!r}: {one.at(0)}' for one in parameters)}}},"
+    yield "    ("
+    for number, (before, time) in enumerate(pairwise(history.times), 1):
+        changed = [one for one in parameters if one.course[number] != one.course[number - 1]]
+        to = ", ".join(f"{one.name!r}: {one.at(number)}" for one in changed)
+        yield f"        hhr.Leg({{{to}}}, {time - before!r}, {STEPS}),"
+    yield "    ),"
     yield ")"

@@ -218,7 +218,7 @@ class Rigid:
         if not nodes.size:
             raise SceneError(
                 f"surface {surface.tag} around {surface.points.mean(axis=0).tolist()} does not look at the obstacle "
-                f"{self!r}, or lies beyond its end: correct its place, or inside=True for a body inside of it"
+                f"{self!r:.200}, or lies beyond its end: correct its place, or inside=True for a body inside of it"
             )
         nodes = nodes[tangential_order(surface.points[nodes], np.zeros(dim))]
         numbers = surface.nodes[nodes]

@@ -8,7 +8,7 @@ from needs import needs
 from scenes import block_scene, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, PairingWarning, SceneError
+from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 
 RIGHT = block.side(0, upper=True)
@@ -170,12 +170,6 @@ def test_equations_of_imposed_displacements_hold_or_are_refused(right):
 def test_equations_that_cannot_be_are_refused(constraints, why):
     with pytest.raises(SceneError, match=why):
         hhr.FullOrderModel(pressed(constraints))
-
-
-def test_bodies_that_nothing_holds_are_named():
-    scene = pressed((hhr.Equation(((hhr.Nodes.near((1.0, 1.0)), 0, 1.0), (hhr.Nodes.near((0.0, 1.0)), 0, -1.0))),), ())
-    with pytest.raises(NotSolvableError, match="leave its bodies 1 ways to move"):
-        hhr.FullOrderModel(scene)
 
 
 def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, apart=0.0, **ways):

@@ -1,0 +1,192 @@
+"""Steps and amplitudes of a deck as courses of its quantities, for answers that depend on the path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from hhr_dolfinx.plugins.decks.deck import Deck, History, Item, Left
+from hhr_dolfinx.plugins.decks.inp_steps import (
+    IMPOSING,
+    Block,
+    Imposed,
+    State,
+    curve_of,
+    curves_of,
+    in_total_time,
+    of_kind,
+    points_of,
+    state_after,
+    steps_of,
+)
+
+MOST = 100
+"""Times of a history. More are those of a measured curve; the scene then has the end of the last step alone."""
+SUDDEN = 1e-3
+"""Part of a step in which loads rise that are there at once: a path cannot jump."""
+SAME = 1e-9
+"""Difference of times over the last one up to which they are one, and of values over their size."""
+Name = tuple[Hashable, ...]
+"""What tells a row of a deck from others; of a support its place and component, which each step gives anew."""
+
+
+def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Imposed]], Deck]) -> Deck:
+    """Deck with the history of its quantities, or as it is if one step from rest leads to it.
+
+    ``read`` makes a deck of supports and loads. It is linear in their factors, so that the value of a quantity at some
+    time is that of a deck with the factors of that time.
+    """
+    times = _times(found)
+    steps = of_kind(found, "STEP")
+    if len(times) < 2:
+        return deck
+    if len(times) > MOST:
+        return _without(deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}")
+    states = _states(found, times)
+    items, factors = _courses(states, merged=True)
+    if not _whole(items, factors):
+        items, factors = _courses(states, merged=False)
+    # all that acts at some time, each with its largest value
+    largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
+    amounts = _amounts(largest)
+    # at rest nothing acts, and temperatures are the initial ones
+    rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
+    then = [
+        [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
+    ]
+    decks = [read(state) for state in (rest, *then)]
+    rows = [_shares(_amounts(one), amounts) for one in decks]
+    if not all(rows) or not _whole(items, factors):
+        return _without(deck, steps[-1], "values of one block change their proportions between steps")
+    columns = zip(*rows, strict=True)
+    courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
+    left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(states)))
+    return replace(largest, history=History((0.0, *times), courses), left=left)
+
+
+def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
+    """Parts that are left, each once, in the order of their lines."""
+    return tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
+
+
+def _without(deck: Deck, block: Block, why: str) -> Deck:
+    text = f"the answer depends on the path of the steps, and one step from rest is written: {why}"
+    return replace(deck, left=in_order((*deck.left, block.left(text))))
+
+
+def _times(found: Sequence[Block]) -> list[float]:
+    """Times at which courses may have corners: ends of steps, and points of amplitudes in them."""
+    curves = curves_of(found)
+    times: list[float] = []
+    steps = steps_of(found)[1:]
+    for step in steps:
+        times += [step.start + SUDDEN * (step.end - step.start)] * step.sudden
+        own = (curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves)))
+        inside = (time + step.start * (not in_total_time(curve)) for curve in own for time in points_of(curve)[0])
+        times += [time for time in inside if step.start < time < step.end]
+        times.append(step.end)
+    times.sort()
+    return [time for before, time in pairwise([0.0, *times]) if time - before > SAME * times[-1]]
+
+
+def _states(found: Sequence[Block], times: Sequence[float]) -> list[State]:
+    """Supports and loads at some times."""
+    curves = curves_of(found)
+    before: State = {}
+    states = []
+    for step in steps_of(found):
+        after = state_after(step, before, curves)
+        for time in (time for time in times if step.start < time <= step.end):
+            part = 1.0 if step.sudden else (time - step.start) / (step.end - step.start)
+            then = state_after(step, before, curves, time)
+            states.append(then if time == step.end else _between(before, then, part))
+        before = after
+    return states
+
+
+def _between(before: State, after: State, part: float) -> State:
+    """A state in a step, of which a part is over: values without amplitudes change in proportion to it."""
+    state: dict = {}
+    for key in {**before, **after}:
+        old = list(before.get(key, ()))
+        new = list(after.get(key, ()))
+        if old == new or (new and "AMPLITUDE" in new[0].block.options):
+            state[key] = new
+        elif key.keyword == "BOUNDARY" and new:
+            # of one node and component there is one value
+            value = part * new[-1].factor + (1 - part) * sum(item.factor for item in old)
+            state[key] = [replace(new[-1], factor=value)]
+        else:
+            state[key] = [replace(item, factor=(1 - part) * item.factor) for item in old]
+            state[key] += [replace(item, factor=part * item.factor) for item in new]
+    return state
+
+
+def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list[list[float]]]:
+    """Rows of a deck, and their factors at some times.
+
+    Merged, rows of different steps with one place and component are one, that with the largest value.
+    """
+    items: dict[Name, Imposed] = {}
+    amounts: dict[Name, list[float]] = {}
+    for number, state in enumerate(states):
+        for key, rows in state.items():
+            for repeated, item in enumerate(rows):
+                name: Name = key if merged or key.keyword == "BOUNDARY" else (*key, item.block.source, repeated)
+                name = (*name, *item.row[3:]) if key.keyword in ("DLOAD", "DSLOAD") else name
+                amount = item.factor * item.unit
+                if name not in items or abs(amount) >= abs(items[name].factor * items[name].unit):
+                    items[name] = item
+                amounts.setdefault(name, [0.0] * len(states))[number] += amount
+    return [*items.values()], [[one / (item.unit or 1.0) for one in amounts[name]] for name, item in items.items()]
+
+
+def _whole(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool:
+    """True if nodes and faces by numbers that have one name in the mesh have one course."""
+    groups: dict[Name, tuple[Imposed, list[Sequence[float]]]] = {}
+    for item, course in zip(items, factors, strict=True):
+        if item.place != item.row[0]:
+            groups.setdefault((item.place, item.component), (item, []))[1].append(course)
+    return all(
+        len({row[0] for row in item.block.rows if [*row[1:]] == [*item.row[1:]]}) == len(courses)
+        and all(np.allclose(course, courses[0], SAME, SAME) for course in courses)
+        for item, courses in groups.values()
+    )
+
+
+def _released(states: Sequence[State]) -> Iterator[Left]:
+    """Supports that hold in some steps only, other than lengths of bolts that are fixed."""
+    always = {key for key in states[0] if all(key in state for state in states)}
+    for key in {key for state in states for key in state} - always:
+        block = next(state[key][0].block for state in states if key in state)
+        if key.keyword == "BOUNDARY" and "FIXED" not in block.options:
+            yield block.left("it holds in some of the steps: here in all of them")
+
+
+def _amounts(deck: Deck) -> dict[Name, tuple[Item, np.ndarray]]:
+    """Quantities of a deck with their values, (1,), or (1 + dim,) of a rigid surface that moves."""
+    found: dict[Name, tuple[Item, np.ndarray]] = {}
+    for load in (*deck.constraints, *deck.loads):
+        found[load.kind, load.text, load.source] = load, np.array([load.value])
+    for support in deck.supports:
+        found[support.place, support.component, support.source] = support, np.array([support.value])
+    for number, pair in enumerate(deck.pairs):
+        found["pair", number] = pair, np.array([pair.gap, *pair.motion])
+    return found
+
+
+def _shares(
+    own: Mapping[Name, tuple[Item, np.ndarray]], amounts: Mapping[Name, tuple[Item, np.ndarray]]
+) -> list[float]:
+    """Values as fractions of others, in their order; empty if a value is no multiple of the other one."""
+    shares = []
+    for name, (_, whole) in amounts.items():
+        value = own[name][1] if name in own else np.zeros_like(whole)
+        share = float(value @ whole / (whole @ whole)) if whole.any() else 0.0
+        if np.abs(value - share * whole).max() > SAME * np.abs(value).max():
+            return []
+        shares.append(round(share, 12))
+    return [] if any(value.any() for name, (_, value) in own.items() if name not in amounts) else shares

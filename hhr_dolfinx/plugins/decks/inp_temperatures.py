@@ -1,0 +1,108 @@
+"""Temperatures of a deck: thermal expansion of its bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.geometries.abaqus_blocks import blocks
+from hhr_dolfinx.geometries.abaqus_deck import flat_deck
+from hhr_dolfinx.geometries.cells import CORNERS
+from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Tag
+from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
+from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, of_kind
+
+ALIKE = 1e-9
+"""Difference of temperatures over the largest one up to which they are one."""
+
+
+def heated_of(
+    found: Sequence[Block],
+    state: Sequence[Imposed],
+    nodes: DeckNodes,
+    bodies: Mapping[Tag, Material],
+    left: list[Left],
+) -> list[Load]:
+    """Thermal expansion of bodies above the temperatures of *INITIAL CONDITIONS.
+
+    A body with different temperatures has the field of the deck, of which the load is a multiple.
+    """
+    given = [item.block for item in state if item.block.keyword == "TEMPERATURE"]
+    if not given:
+        return []
+    left += _unknown(found, state, nodes)
+    rise = rise_of(found, state, nodes)
+    most = max(rise.values(), key=abs, default=0.0)
+    loads = []
+    for tag, material in bodies.items():
+        own = np.array([rise.get(number, 0.0) for number in corners_of(nodes, tag)])
+        if not material.expansion or not own.any():
+            continue
+        text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
+        if np.ptp(own) <= ALIKE * np.abs(own).max():
+            loads.append(Load("temperature", f"{text})", float(own[0]), given[0].source))
+        elif not np.allclose(own / most, _fractions(found, nodes, tag), atol=ALIKE):
+            left.append(given[0].left(f"the distribution of the temperature of body '{tag}' changes with the steps"))
+        else:
+            text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
+            loads.append(Load("temperature", text, most, given[0].source))
+    return loads
+
+
+def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the cells of a body of a deck, (n, 3), and their temperatures over the largest of all, (n,)."""
+    nodes = DeckNodes(flat_deck(path))
+    found = [Block(path.name, *block) for block in blocks(path)]
+    return np.array([nodes.point(number) for number in corners_of(nodes, tag)]), _fractions(found, nodes, tag)
+
+
+def _fractions(found: Sequence[Block], nodes: DeckNodes, tag: Tag) -> np.ndarray:
+    rise = rise_of(found, imposed_of(found), nodes)
+    most = max(rise.values(), key=abs, default=0.0)
+    return np.array([rise.get(number, 0.0) for number in corners_of(nodes, tag)]) / (most or 1.0)
+
+
+def corners_of(nodes: DeckNodes, tag: Tag) -> list[int]:
+    """Numbers of the corners of the cells of a body, in their order."""
+    deck = nodes.deck
+    elements = deck.element_sets.get(str(tag).upper(), deck.elements if tag == "all" else ())
+    kinds = {number: deck.elements[number][0] for number in elements if number in deck.elements}
+    return sorted({node for one, kind in kinds.items() if kind in CORNERS for node in deck.whole[one][: CORNERS[kind]]})
+
+
+def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:
+    """Temperatures above the initial ones by the number of the node; of several of one node the last one counts.
+
+    An amplitude multiplies a temperature; without one the rise is in proportion to the time of the step.
+    """
+    initial = {
+        number: block.number(row[1])
+        for block in _starts(found)
+        for row in block.rows
+        if len(row) > 1
+        for number in nodes.numbers(row[0])
+    }
+    rise: dict[int, float] = {}
+    last: dict[int, str] = {}
+    # one with the factor 0 is not given yet
+    for item in (item for item in state if item.block.keyword == "TEMPERATURE" and item.factor):
+        sudden = "AMPLITUDE" in item.block.options
+        for number in nodes.numbers(item.row[0]):
+            before = rise[number] if last.get(number) == item.row[0] else 0.0
+            start = initial.get(number, 0.0) * (1.0 if sudden else item.factor)
+            rise[number] = before + item.factor * item.unit - start
+            last[number] = item.row[0]
+    return rise
+
+
+def _starts(found: Sequence[Block]) -> list[Block]:
+    return [one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"]
+
+
+def _unknown(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> Iterator[Left]:
+    given = [(item.block, item.row) for item in state if item.block.keyword == "TEMPERATURE"]
+    for block, row in [*((one, row) for one in _starts(found) for row in one.rows), *given]:
+        if not nodes.numbers(row[0]):
+            yield block.left(f"'{row[0]}' is no set of nodes of the mesh")

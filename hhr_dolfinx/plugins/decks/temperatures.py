@@ -1,0 +1,66 @@
+"""Fields of temperature as a deck has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import Mesh
+from scipy.spatial import cKDTree
+from ufl.domain import extract_unique_domain
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.parameters import Tag
+
+NEAR = 1e-6
+"""Distance over the size of the body up to which a corner of the mesh is a node of the deck."""
+
+
+@dataclass(frozen=True)
+class DeckTemperatures:
+    """Temperatures of a body in a deck over the largest one of the deck, the ``field`` of a ThermalExpansion.
+
+    They are those of the end of the last step above *INITIAL CONDITIONS: linear in cells of second order, and the mean
+    of the corners in those of first order, as in CalculiX, whose strains are as constant.
+
+    Attributes:
+        path: the deck.
+        tag: the body.
+        scale: factor of the coordinates, that of the :class:`~hhr_dolfinx.geometries.mesh_file.MeshFile`.
+    """
+
+    path: Path | str
+    tag: Tag
+    scale: float = 1.0
+
+    def __call__(self, x: Any) -> Any:
+        """Field at the UFL coordinates ``x``, a function of the mesh that is 0 in other bodies.
+
+        Raises:
+            FileContentError: for a file that is no deck.
+            SceneError: for a deck without such a body.
+        """
+        from hhr_dolfinx.plugins.decks.inp_temperatures import distribution
+
+        points, values = distribution(Path(self.path), self.tag)
+        if not len(points):
+            raise SceneError(f"deck {self.path} has no body '{self.tag}', whose temperatures are a field")
+        tree = cKDTree(self.scale * points)
+        near = NEAR * self.scale * np.ptp(points, axis=0).max()
+
+        def at(places: np.ndarray) -> np.ndarray:
+            far, nearest = tree.query(places.T)
+            return np.where(far <= near, values[nearest], 0.0)
+
+        domain = extract_unique_domain(x)
+        mesh = Mesh(domain.ufl_cargo(), domain)
+        field = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
+        field.interpolate(at)
+        if domain.ufl_coordinate_element().degree > 1:
+            return field
+        mean = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
+        mean.x.array[:] = field.x.array[field.function_space.dofmap.list].mean(axis=1)
+        return mean

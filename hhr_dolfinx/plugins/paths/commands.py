@@ -1,0 +1,95 @@
+"""The command ``hhr march``: the answers along a path of ``PATHS``."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.command.speaking import first_rank, guarded
+from hhr_dolfinx.command.words import AT, KNOWN, examples
+from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+with extra("study", "the command hhr"):
+    import click
+
+FIELDS = (".vtkhdf", ".vtu")
+WIDTH = 12
+
+
+@click.command(epilog=examples("hhr march my_scene.py", "hhr march my_scene.py --at load=450 --out out/steps.csv"))
+@click.argument("scene")
+@AT
+@click.option("--model", type=click.Path(path_type=Path), help="answer by this reduced model (.npz), not in full")
+@click.option("--out", type=click.Path(path_type=Path), help="a table (.csv), or fields for ParaView (.vtkhdf or .vtu)")
+@KNOWN
+@guarded
+def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]) -> None:
+    """Follow a path of PATHS, a hhr.PathFamily in the file of a SCENE, and show the answer at each of its steps.
+
+    Answers of bodies with laws and of contacts with friction depend on the path. Without --at it is that of the middle
+    of the family's own parameters.
+    """
+    from hhr_dolfinx.command.loading import checked_target, model_of, point_of, scene_of
+    from hhr_dolfinx.files import replacing
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.registry import tool
+
+    checked_target(out, (".csv", *FIELDS))
+    in_fields = out is not None and out.suffix in FIELDS
+    if in_fields and model is not None:
+        raise click.UsageError("fields need a mesh, which a model in a file has not: leave out --model")
+    write_fields = tool("fields", "--out, files of fields,") if in_fields else None
+    family = family_of(scene)
+    path = family.path(point_of(words, family.own, others=family.own.middle))
+    answering: Any = FullOrderModel(scene_of(scene)) if model is None else model_of(model, known)
+    rows: list[dict[str, float]] = []
+
+    def show(answer: Answer) -> None:
+        rows.append(row_of(answering, answer))
+        if first_rank():
+            if len(rows) == 1:
+                click.echo(f"{path.name}\n{'  '.join(name.rjust(WIDTH) for name in rows[0])}")
+            click.echo("  ".join(f"{value:{max(len(name), WIDTH)}.6g}" for name, value in rows[-1].items()))
+
+    if model is None:
+        history = answering.march(path, keep=show)  # full answers may take long: each is shown when it is there
+    else:
+        history = answering.march(path)
+        for answer in history.answers:
+            show(answer)
+    if write_fields is not None:
+        write_fields(out, answering, history)
+    elif out is not None and first_rank():
+        with replacing(out, text=True) as file:
+            csv.writer(file).writerows([list(rows[0]), *(row.values() for row in rows)])
+
+
+def family_of(scene: str) -> PathFamily:
+    """``PATHS`` of the file of a scene; SceneError if there is none, or if it is something else."""
+    from hhr_dolfinx.command.loading import beside, value_of
+    from hhr_dolfinx.errors import SceneError
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+    found = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
+    if found is None:
+        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) beside the scene")
+    return found
+
+
+def row_of(model: AnsweringModel, answer: Answer) -> dict[str, float]:
+    """Time, parameters, forces, the largest displacement, and the outputs of the scene at a step."""
+    row = {"time [s]": answer.time, **dict(zip(model.parameters.names, answer.parameter.tolist(), strict=True))}
+    forces = model.pressures(answer)
+    displacement = answer.displacement().reshape(-1, model.dimension)
+    row["sum of contact forces"] = float(forces.sum())
+    row["active contacts"] = int((forces > 0).sum())
+    row["largest displacement"] = float(np.linalg.norm(displacement, axis=1).max())
+    return row | (answer.outputs().values if model.fields.functionals is not None else {})

@@ -1,0 +1,124 @@
+"""Steps and amplitudes of decks become load paths, where answers depend on them."""
+
+import numpy as np
+import pytest
+from deck_texts import bar, blocks
+from shell import invoke
+
+from hhr_dolfinx.command.loading import beside, scene_of
+
+PLASTIC = "*PLASTIC\n8., 0.\n12., 0.04\n"
+STEP = "*END STEP\n*STEP\n*STATIC\n.1, {}\n"
+NODES = (5, 10, 15, 20)
+"""Nodes of the end of the bar at x = 4."""
+FRICTION = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n*FRICTION\n.3, 1e6"
+
+
+def started(folder, text):
+    """Name of the scene file of a deck's text, and what the command printed."""
+    (folder / "deck.inp").write_text(text)
+    code, output = invoke("start", folder / "deck.inp")
+    assert code == 0, output
+    return str(folder / "deck.py"), output
+
+
+def corners(name):
+    """Names of parameters, and times and values of the path of the deck at rest and where it bends."""
+    family = beside(name, "PATHS")
+    path = family.path(family.own.middle)
+    table = np.array([[time, *point] for time, point in path])
+    bends = np.abs(np.diff(np.diff(table[:, 1:], axis=0) / np.diff(table[:, :1], axis=0), axis=0)).max(axis=1) > 1e-6
+    return family.space.names, table[np.concatenate([[True], bends, [True]])]
+
+
+def forces(value, numbers=NODES):
+    """Rows of forces along x at some nodes."""
+    return "".join(f"{number}, 1, {value!r}\n" for number in numbers)
+
+
+@pytest.mark.parametrize(
+    ("step", "path"),
+    [("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD\n4, P4, -2.\n" + STEP.format("1.") + "*DLOAD\n4, P4, -11.",
+      [(0, 0), (1, -10), (3, -2), (4, -11)]),
+     ("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD, OP=NEW", [(0, 0), (1, -10), (3, 0)]),
+     ("*CLOAD\n" + forces(2.5) + STEP.format("2.") + "*CLOAD\n" + forces(0.5), [(0, 0), (1, 2.5), (3, 0.5)]),
+     ("*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .25\n*DLOAD, AMPLITUDE=A\n4, P4, -10.",
+      [(0, 0), (0.5, -10), (1, -2.5)]),
+     ("*AMPLITUDE, NAME=A, TIME=TOTAL TIME, TIME DELAY=0.5\n0., 0., 1., 1., 2., 0.\n*DLOAD, AMPLITUDE=A\n4, P4, -10.\n"
+      + STEP.format("2.") + "*DLOAD, AMPLITUDE=A\n4, P4, -10.", [(0, 0), (0.5, 0), (1.5, -10), (2.5, 0), (3, 0)]),
+     ("*DLOAD\n4, P4, -10.\n" + STEP.format("2.").replace("*STEP", "*STEP, AMPLITUDE=STEP") + "*DLOAD\n4, P4, -4.",
+      [(0, 0), (1, -10), (1.002, -4), (3, -4)])],
+)  # fmt: skip
+def test_a_plastic_bar_follows_its_steps(step, path, tmp_path):
+    """u = L (p / E + the plastic strain at the largest p so far), after the steps, not after one step from rest."""
+    name, output = started(tmp_path, bar(step, PLASTIC))
+    assert "TODO" not in output
+    _, table = corners(name)
+    np.testing.assert_allclose(table, path, atol=1e-9)
+    assert invoke("march", name, "--out", tmp_path / "steps.csv")[0] == 0
+    rows = np.genfromtxt(tmp_path / "steps.csv", delimiter=",", names=True)
+    assert rows["time_s"][-1] == path[-1][0]
+    signed = 4.0 if step.startswith("*CLOAD") else -1.0  # forces of four nodes, or a pressure
+    strain = signed * path[-1][1] / 1000 + (abs(signed) * max(abs(value) for _, value in path) - 8) / 100
+    # the largest displacement is that of the corner of the end, with the contraction of the unit section across
+    plastic = strain - signed * path[-1][1] / 1000
+    across = 0.3 * signed * path[-1][1] / 1000 + 0.5 * plastic
+    assert rows["largest_displacement"][-1] == pytest.approx(np.hypot(4 * strain, np.hypot(across, across)), rel=1e-3)
+
+
+def test_one_step_needs_no_history(tmp_path):
+    """Of one ramp from rest, and of elastic bodies without friction, the end counts."""
+    name, _ = started(tmp_path, bar("*DLOAD\n4, P4, -10.", PLASTIC))
+    assert beside(name, "PATHS").name == "loading"
+    (tmp_path / "elastic").mkdir()
+    name, _ = started(tmp_path / "elastic", bar("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD\n4, P4, -4."))
+    assert beside(name, "PATHS") is None
+    assert scene_of(name).parameters.middle == pytest.approx([-4.0])
+
+
+def test_motions_with_friction(tmp_path):
+    """A block that is pressed, pushed and pushed back while it is lifted; each motion is a parameter."""
+    step = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.01\n" + STEP.format("2.") + "*BOUNDARY\nUPPER_Z1, 1, 1, 0.002\n"
+    step += STEP.format("1.") + "*BOUNDARY\nUPPER_Z1, 1, 1, -0.002\nUPPER_Z1, 3, 3, -0.005"
+    before = "UPPER_Z1, 1, 1\nLOWER_Y0, 2"
+    text = blocks(step, interaction=FRICTION, before=before).replace("UPPER_X0, 1\n", "")
+    name, output = started(tmp_path, text)
+    assert "TODO" not in output
+    names, table = corners(name)
+    assert names == ("displacement_1", "displacement_2")
+    np.testing.assert_allclose(table, [(0, 0, 0), (1, 0, -0.01), (3, 0.002, -0.01), (4, -0.002, -0.005)], atol=1e-12)
+    family = beside(name, "PATHS")
+    assert family.own.lower == pytest.approx([0.0016, -0.012])
+    assert family.space.upper == pytest.approx([0.0024, 0.0])
+    code, output = invoke("march", name, "--at", "displacement_1=0.0024")
+    assert code == 0
+    assert len(output.splitlines()) == 2 + 12
+
+
+def test_what_changes_beside_three_parameters(tmp_path):
+    """A fourth load in a step of its own is driven with its value of the deck; a constant one is a number."""
+    loads = "".join(f"*CLOAD\nBAR_Y{k % 2}, 2, {0.01 * (k + 1)!r}\n" + STEP.format("1.") for k in (0, 1))
+    loads += "*CLOAD\nBAR_Z1, 3, 0.05\n" + STEP.format("1.") + "*CLOAD\nBAR_X1, 3, 0.02\n" + STEP.format("1.")
+    name, _ = started(tmp_path, bar(loads + "*CLOAD\nBAR_X1, 2, 0.03", PLASTIC))
+    names, table = corners(name)
+    assert names == ("force_1", "force_2", "force_3", "others_1", "others_2")
+    np.testing.assert_allclose(table[-1], (5, 0.01, 0.02, 0.05, 1, 1))
+    np.testing.assert_allclose(table[3], (3, 0.01, 0.02, 0.05, 0, 0))
+    assert scene_of(name).loads[-1].amplitude.slopes == {"others_2": 0.03}
+
+
+@pytest.mark.parametrize(
+    ("step", "said"),
+    [("*CLOAD\n" + forces(2.5) + STEP.format("1.") + "*CLOAD\n" + forces(1.5, NODES[:2]),
+      "nodes of it have values in deck.inp:106 too: both act here"),
+     ("*CLOAD\nBAR_X1, 1, 2.5\n" + STEP.format("1.") + "*CLOAD\nBAR_Y1, 1, 1.",
+      "nodes of it have values in deck.inp:106 too: both act here"),
+     ("*BOUNDARY\nBAR_X1, 1, 1, .1\n" + STEP.format("1.") + "*BOUNDARY, OP=NEW\nBAR_X0, 1\nBAR_Y0, 2\nBAR_Z0, 3",
+      "it holds in some of the steps: here in all of them"),
+     ("*AMPLITUDE, NAME=A\n" + "\n".join(f"{0.005 * k!r}, {k % 2}" for k in range(200))
+      + "\n*DLOAD, AMPLITUDE=A\n4, P4, -10.", "200 times of steps and amplitudes are more than 100")],
+)  # fmt: skip
+def test_what_has_no_course_is_said(step, said, tmp_path):
+    """Sets of which a later step gives some nodes anew, supports that are released, measured curves."""
+    _, output = started(tmp_path, bar(step, PLASTIC))
+    assert said in output
