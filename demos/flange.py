@@ -99,7 +99,7 @@ def errors(model: Any, out: Path, points: np.ndarray) -> dict[str, float]:
     return {
         "force of the bolt": float(np.abs(own - exact).max() / exact.max()),
         "contact forces": float(np.abs(forces[1] - forces[0]).max() / forces[0].max()),
-        "balance of forces, with the springs": float(np.abs(own - faces - points[:, 1] * AREA).max() / exact.max()),
+        "balance of forces": float(np.abs(own - faces - points[:, 1] * AREA).max() / exact.max()),
     }
 
 

@@ -48,6 +48,7 @@ class Deck:
         left_out: reasons for unsupported surfaces, by name.
         spelling: names as first written, by kind of set and name in capitals.
         instances: names of the instances whose contents are in the deck.
+        unsorted: names in capitals of sets of nodes that keep the order in which they are given.
     """
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
@@ -61,6 +62,12 @@ class Deck:
     left_out: dict[str | int, str] = field(default_factory=dict)
     spelling: dict[tuple[str, str], str] = field(default_factory=dict)
     instances: list[str] = field(default_factory=list)
+    unsorted: set[str] = field(default_factory=set)
+
+    def members(self, name: str) -> list[int]:
+        """Nodes of a set, each once, by number or in the order in which they are given; empty without the set."""
+        found = dict.fromkeys(self.node_sets.get(name, ()))
+        return list(found) if name in self.unsorted else sorted(found)
 
     def named(self, kind: str, name: str) -> str:
         """A name in capitals, as Abaqus compares them."""
@@ -84,15 +91,17 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
     for number, line in lines:
         while line.startswith("*") and line.endswith(","):
             line += next(lines, (0, "*"))[1]
-        found = re.match(r"\*\s*INCLUDE\s*,\s*INPUT\s*=\s*(.*)", line, re.IGNORECASE)
+        found = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
+        include = re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE)
+        if not include:
+            yield number, line
         if found:
-            other = path.parent / found[1].strip().strip('"')
+            # of *NODE, *ELEMENT and others the file holds the data
+            other = path.parent / found[1].strip().strip('"').replace("\\", "/")
             if not other.is_file() or other in (path, *above):
                 why = "includes itself" if other.is_file() else "does not exist: put it there, or name its path"
-                raise FileContentError(f"{path.name}:{number} *INCLUDE: the file {other} {why}")
+                raise FileContentError(f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}")
             yield from _lines(other, (path, *above))
-        else:
-            yield number, line
 
 
 def _words(line: str) -> list[str]:
@@ -136,9 +145,8 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
 def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block to a deck; blocks that are not part of a mesh are skipped."""
     if keyword == "NODE":
-        if options.get("SYSTEM", "R").upper() != "R":
-            raise ValueError("nodes in cylindrical or spherical coordinates (SYSTEM=) are not supported")
-        deck.nodes |= {int(row[0]): _place(row[1:4]) for row in rows}
+        system = options.get("SYSTEM", "R").upper()
+        deck.nodes |= {int(row[0]): _place(row[1:4], system) for row in rows}
         if "NSET" in options:
             deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
     elif keyword == "ELEMENT":
@@ -150,16 +158,29 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
         if keyword == "NSET" and "ELSET" in options:
             elements = deck.element_sets.get(options["ELSET"].upper(), [])
             members = sorted({node for element in elements for node in deck.whole.get(element, ())})
+        if keyword == "NSET" and "UNSORTED" in options:
+            deck.unsorted.add(name)
         sets.setdefault(name, []).extend(members)
     elif keyword == "SURFACE":
         _surface(deck, options, rows)
     elif keyword == "SYSTEM" and rows:
-        raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
+        raise ValueError("nodes in a system of *SYSTEM are not read: write them in the global one, with *NODE, SYSTEM=")
 
 
-def _place(words: list[str]) -> list[float]:
-    """Three coordinates of a node; missing ones are zero."""
-    return [number_of(word) for word in (*words, "", "", "")[:3]]
+def _place(words: list[str], system: str) -> list[float]:
+    """Three coordinates of a node; missing ones are zero, and angles are in degrees.
+
+    Systems are R, rectangular, C, with the radius, the angle and z, and S, with two angles: from x, and from the plane.
+    """
+    first, second, third = (number_of(word) for word in (*words, "", "", "")[:3])
+    if system == "R":
+        return [first, second, third]
+    if system not in ("C", "S"):
+        raise ValueError(f"there is no coordinate system {system}, but R, C and S")
+    turn, up = np.deg2rad([second, third if system == "S" else 0.0])
+    radius = first * np.cos(up)
+    height = first * np.sin(up) if system == "S" else third
+    return [float(radius * np.cos(turn)), float(radius * np.sin(turn)), float(height)]
 
 
 def number_of(word: str) -> float:
@@ -196,6 +217,10 @@ def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> Non
         kinds = _COUNTS[2]
     elif name.startswith(_SOLID):
         kinds = _COUNTS[3]
+    counted = _COUNTED.match(name)
+    count = int(counted[1] or counted[2]) if counted else 0
+    if count and count not in kinds:  # such as C3D9
+        kinds = {}
     if not kinds:
         # continuation lines may look like elements; the set then only gets more numbers
         rows = [row for row in rows if row and row[0].isdigit()]
@@ -204,7 +229,7 @@ def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> Non
         deck.types[number] = name
         if not kinds:
             continue
-        if len(nodes) not in kinds:
+        if len(nodes) not in kinds or len(nodes) != (count or len(nodes)):
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
         # the second of three nodes on a line is the middle one
@@ -254,7 +279,7 @@ def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[lis
             if word.isdigit():
                 named = {deck.label(int(word)): [int(word)]}
             else:
-                members = sorted(set(deck.node_sets.get(word.upper(), [])))
+                members = deck.members(word.upper())
                 named = {f"{word} first": members[:1], f"{word} others": members[1:]} if len(members) > 1 else {}
             for end, numbers in named.items():
                 deck.node_sets[deck.named("nset", name_of_loaded(block, [end]))] = numbers

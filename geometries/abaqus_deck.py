@@ -41,8 +41,9 @@ def flat_deck(path: Path) -> Deck:
     for line, keyword, options, rows in blocks(path):
         try:
             assembly.take(keyword, options, rows, line)
-        except (ValueError, IndexError) as error:
-            raise FileContentError(f"{path}, block *{keyword} at line {line}: {error}") from None
+        except (ValueError, IndexError, KeyError) as error:
+            what = f"it has no option {error}" if isinstance(error, KeyError) else error
+            raise FileContentError(f"{path}, block *{keyword} at line {line}: {what}") from None
     return assembly.flat()
 
 

@@ -21,6 +21,7 @@ from hhr_dolfinx.geometries.abaqus_blocks import (
     number_of,
     take,
 )
+from hhr_dolfinx.geometries.abaqus_generated import GENERATED, generate
 
 _KINDS = {"nset": "node_sets", "elset": "element_sets", "surface": "faces"}
 """Fields of a deck by the kind of the names in it; unions are surfaces too."""
@@ -57,6 +58,8 @@ class Assembly:
             self._open(options, rows)
         else:
             numbered = self._with_numbers(keyword, options, rows)
+            if keyword in GENERATED:
+                generate(self._own, keyword, options, rows)
             take(self._own, keyword, options, numbered)
             if keyword in LOADED:
                 name_loaded(self._own, f"{keyword}:{line}", numbered)
@@ -181,6 +184,7 @@ def _join(deck: Deck, instance: str, own: Deck) -> None:
     deck.types |= {first + n: name for n, name in own.types.items()}
     for sets, added in ((deck.node_sets, own.node_sets), (deck.element_sets, own.element_sets)):
         sets |= {f"{upper}.{name}": [first + n for n in numbers] for name, numbers in added.items()}
+    deck.unsorted |= {f"{upper}.{name}" for name in own.unsorted}
     for name, items in own.faces.items():
         deck.faces[f"{upper}.{name}"] = [
             (str(first + int(given)) if given.isdigit() else f"{upper}.{given}", face) for given, face in items
@@ -220,3 +224,4 @@ def _add_short_name(deck: Deck, kind: str, name: str, full: str, spelt: str) -> 
         deck.unions[name] = deck.unions[full]
     elif full in (held := getattr(deck, _KINDS[kind])):
         held[name] = held[full]
+        deck.unsorted |= {name} if full in deck.unsorted and kind == "nset" else set()

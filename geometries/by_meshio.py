@@ -74,31 +74,41 @@ def opened(path: Path) -> Any:
             return meshio.read(path)
     except SystemExit:
         reason = " ".join(said.getvalue().split()) or f"meshio does not read files that end in {path.suffix}"
-        raise FileContentError(f"mesh file {path} cannot be read: {reason}") from None
+        raise FileContentError(
+            f"mesh file {path} cannot be read: {reason}. It is damaged, or of a kind that meshio does not know: write "
+            "it as .msh, .inp, .med, .e or .vtu"
+        ) from None
 
 
 def read_by_meshio(path: Path) -> RawMesh:
     """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
     mesh = opened(path)
+    arrays = _arrays(mesh.cell_data)
     elements = [
-        Elements(block.type, np.asarray(block.data), _arrays(mesh.cell_data, k), _places(mesh.cell_sets, k))
+        Elements(
+            block.type,
+            np.asarray(block.data),
+            {name: blocks[k] for name, blocks in arrays.items()},
+            _places(mesh.cell_sets, k),
+        )
         for k, block in enumerate(mesh.cells)
     ]
     names = _physical_names(path) or _names_of_fields(mesh.field_data)
     names += [(name, (int(number), -1)) for number, own in getattr(mesh, "cell_tags", {}).items() for name in own]
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
-    fields = [name for name in mesh.point_data if not name.startswith("gmsh:")]
+    fields = [name for name in mesh.point_data if not name.startswith(("gmsh:", "medit:"))]
     left_out: dict[str | int, str] = {"values at nodes": ", ".join(fields)} if fields else {}
     return raw_mesh(mesh.points, elements, path, names=[*names, *_markers_of_su2(path)], nodes=nodes, left_out=left_out)
 
 
-def _arrays(data: Mapping[str, Sequence[np.ndarray]], k: int) -> dict[str, np.ndarray]:
-    """Integers of the elements of a block in the arrays of a mesh, (b,), by name."""
+def _arrays(data: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
+    """Arrays of a mesh with an integer for each element of all blocks, (b,) each, by name."""
     found = {}
     for name, blocks in data.items():
-        values = np.asarray(blocks[k])
-        if values.size == len(values) and (whole := whole_numbers(values.ravel())) is not None:
-            found[name] = whole
+        values = [np.asarray(own) for own in blocks]
+        whole = [whole_numbers(own.ravel()) for own in values if own.size == len(own)]
+        if len(kept := [own for own in whole if own is not None]) == len(values):
+            found[name] = kept
     return found
 
 
@@ -178,9 +188,11 @@ def raw_mesh(
     there = [block for block in elements if block.kind]
     if not there:
         kinds = sorted({block.type for block in elements})
+        high = any(kind.rstrip("0123456789") in KINDS for kind in kinds)
+        why = "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
         raise FileContentError(
-            f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}: it is empty, or of a format that is not "
-            "understood. Write it as .msh, .inp, .med, .e or .vtu"
+            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra of order 1 "
+            f"or 2: {'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
         )
     dim = max(DIMENSION.get(block.kind, 3) for block in there)
     kind, others = one_kind(((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path)
@@ -283,7 +295,10 @@ def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, i
     for block in blocks:
         dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)
         sets, _ = _sets([block], dim, names)
+        named = {number for _, (number, of) in names if of in (dim, -1)}
+        grouped = block.numbers.get("gmsh:physical", _ONE[:0]).any()
         for name, rows in sets.items():
-            if isinstance(name, str):
-                found[name] = np.union1d(found.get(name, rows[:0]), block.nodes[rows].ravel())
+            key = name if isinstance(name, str) else f"nodes {name}" if grouped and name not in named else ""
+            if key:
+                found[key] = np.union1d(found.get(key, rows[:0]), block.nodes[rows].ravel())
     return found

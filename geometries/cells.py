@@ -24,6 +24,8 @@ KINDS = {
     "quad": "quadrilateral", "quad8": "quadrilateral", "quad9": "quadrilateral",
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
+    "VTK_LAGRANGE_TRIANGLE": "triangle", "VTK_LAGRANGE_QUADRILATERAL": "quadrilateral",
+    "VTK_LAGRANGE_TETRAHEDRON": "tetrahedron", "VTK_LAGRANGE_HEXAHEDRON": "hexahedron",
 }  # fmt: skip
 """Supported kinds of cells, by meshio's names."""
 OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
@@ -99,7 +101,8 @@ def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str,
                 in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh" for kind, said in why.items()
             }
     names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
-    said = f"mixes {names}" if len(found) > 1 else f"has {names}"
+    many = " and ".join(str(counts[kind]) for kind in found)
+    said = f"mixes {names}, {many} of them" if len(found) > 1 else f"has {names}"
     raise FileContentError(
         f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
         f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"

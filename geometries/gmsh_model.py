@@ -106,7 +106,6 @@ class Entity:
         nodes: rows of all their nodes, (n, K).
         groups: number and name of the physical groups of the entity; empty if there is no name.
         tag: number of the entity.
-        numbers: numbers of the elements, (n,).
     """
 
     dim: int
@@ -114,7 +113,6 @@ class Entity:
     nodes: np.ndarray
     groups: tuple[tuple[int, str], ...]
     tag: int
-    numbers: np.ndarray
 
 
 def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
@@ -128,11 +126,11 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
         for dim, tag in gmsh.model.getEntities():
             groups = tuple((int(n), gmsh.model.getPhysicalName(dim, n).strip())
                            for n in gmsh.model.getPhysicalGroupsForEntity(dim, tag))  # fmt: skip
-            kinds, elements, nodes = gmsh.model.mesh.getElements(dim, tag)
-            for kind, own, which in zip(kinds, nodes, elements, strict=True):
+            kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
+            for kind, own in zip(kinds, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
                 every = row_of[own.astype(np.int64).reshape(-1, count)]
-                found.append(Entity(dim, every[:, :corners], every, groups, tag, which.astype(np.int64)))
+                found.append(Entity(dim, every[:, :corners], every, groups, tag))
         return places.reshape(-1, 3), numbers.astype(np.int64), found
 
 

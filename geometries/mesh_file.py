@@ -7,7 +7,7 @@ sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,6 @@ from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
 from hhr_dolfinx.geometries.by_meshio import read_by_meshio
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, of_other_kinds, one_kind, sides_of
 from hhr_dolfinx.geometries.conforming import conforming
-from hhr_dolfinx.geometries.groups import Group, groups_of_nodes, groups_of_unv
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
@@ -33,10 +32,12 @@ if TYPE_CHECKING:
 
 FAR = 1e100
 """Coordinates from which on squares of lengths overflow: such places, and those that are no number, are mistakes."""
-BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
+NodesOf = Callable[[Path, np.ndarray, np.ndarray], dict[str, np.ndarray]]
+"""Rows of sets of nodes by name, of a path, points and their numbers in gmsh."""
+BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
 
-ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
+ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", ".med", ".cgns")
 """Endings of the usual formats, for messages."""
 
 
@@ -95,10 +96,10 @@ class MeshFile:
         except HHRError:
             raise
         except Exception as error:
-            # readers raise many kinds of errors for damaged files
-            raise FileContentError(
-                f"mesh file {path} cannot be read: {type(error).__name__}: {error} {_advice(path)}"
-            ) from error
+            # readers raise many kinds of errors for damaged files, and gmsh Exception without a text
+            kind = "" if type(error) is Exception else f"{type(error).__name__}: "
+            what = f"{kind}{error}".rstrip(": .") or "it is damaged"
+            raise FileContentError(f"mesh file {path} cannot be read: {what}. {_advice(path)}") from error
 
 
 def _found_instead(path: Path) -> str:
@@ -115,7 +116,9 @@ def _advice(path: Path) -> str:
     """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
         return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
-    return f"Write it again, or in another format: {', '.join((*ENDINGS, *named('readers')))}"
+    if path.suffix.lower() in (".pvd", ".pvtu"):
+        return "It names other files: give one of the .vtu files in it"
+    return f"Write it again, or in another format: {', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
 
 
 def _reader(path: Path) -> Any:
@@ -127,7 +130,7 @@ def _reader(path: Path) -> Any:
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
         return read_deck
-    if ending in (".e", ".ex2", ".exo", ".exii"):
+    if ending in (".e", ".ex2", ".exo", ".exii", ".g", ".gen"):
         from hhr_dolfinx.geometries.exodus import read_exodus
 
         return read_exodus
@@ -157,11 +160,13 @@ def _version(path: Path) -> float:
         for line in file:
             if line.strip() == b"$MeshFormat":
                 return float(next(file).split()[0])
+            if line.strip() == b"$NOD":  # version 1, which meshio does not read
+                return np.inf
     return 0.0
 
 
-def read_by_gmsh(path: Path) -> RawMesh:
-    """Read a file of a format that gmsh supports better than meshio."""
+def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
+    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another function."""
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
     try:
@@ -183,42 +188,32 @@ def read_by_gmsh(path: Path) -> RawMesh:
     order = sides_of(kind, (entity.nodes for entity in own), path, "gmsh")
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
-    of_unv = groups_of_unv(path) if path.suffix.lower() == ".unv" else {}
-    cells, bodies = _joined(own, CORNERS[kind], of_unv)
+    cells, bodies = _joined(own, CORNERS[kind])
     lost: dict[str | int, Counter[str]] = {}
     for entity in (item for item in solid if of[item] != kind):
         for tag in {tag for group in entity.groups for tag in group if tag}:
             lost.setdefault(tag, Counter())[of[entity]] += len(entity.nodes)
     bodies = {tag: rows for tag, rows in bodies.items() if tag not in lost}
     left_out |= of_other_kinds(lost, kind)
-    facets, surfaces = _joined(sides, width, of_unv)
-    nodes = {name: np.flatnonzero(np.isin(numbers, group.nodes)) for name, group in of_unv.items() if group.nodes.size}
-    if path.suffix.lower() == ".med":
-        nodes = groups_of_nodes(path, points, numbers)
-    for name, group in of_unv.items():
-        if name not in bodies and name not in surfaces and group.elements.size:
-            left_out[name] = f"a set of {group.elements.size} elements that are neither cells nor facets of the mesh"
+    facets, surfaces = _joined(sides, width)
+    nodes = nodes_of(path, points, numbers) if nodes_of else {}
     for entity in entities:
-        for name in {name for _, name in entity.groups if name and entity.dim < dim - 1}:
+        for name in {name or f"nodes {number}" for number, name in entity.groups if entity.dim < dim - 1}:
             nodes[name] = np.union1d(nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel())
     return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
                    {name: facets[rows] for name, rows in surfaces.items()}, nodes, order, left_out)  # fmt: skip
 
 
-def _joined(
-    entities: list[Entity], width: int, of_unv: Mapping[str, Group]
-) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
+def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
     """Corners of all elements, (n, width), and rows of each group by its number and by its name.
 
-    If no group has any elements, the numbers are those of the entities: lines of a .geo, properties of Nastran.
+    If no group has any elements, the numbers are those of the entities, such as the lines of a .geo.
     """
     starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
     found: dict[str | int, list[np.ndarray]] = {}
     for start, entity in zip(starts, entities, strict=False):
         rows = start + np.arange(len(entity.corners))
-        for name, group in of_unv.items():
-            found.setdefault(name, []).append(rows[np.isin(entity.numbers, group.elements)])
-        for number, name in () if of_unv else entity.groups:
+        for number, name in entity.groups:
             for tag in (number, name) if name else (number,):
                 found.setdefault(tag, []).append(rows)
     corners = [entity.corners for entity in entities]

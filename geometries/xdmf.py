@@ -149,10 +149,12 @@ class _Numbers:
             return self._item(found)
         shape = [int(word) for word in item.get("Dimensions", "").split()] or [-1]
         kind = item.get("Format", "XML").upper()
-        if item.get("ItemType", "Uniform") != "Uniform" or kind not in ("XML", "HDF", "BINARY"):
+        odd = {item.get("ItemType", "Uniform"), item.get("Compression", "Raw")} - {"Uniform", "Raw"}
+        odd |= {kind} - {"XML", "HDF", "BINARY"}
+        if odd:
             raise FileContentError(
-                f"{self._path} has a DataItem of type {item.get('ItemType', kind)}, which is not understood: write the "
-                "mesh anew, by dolfinx.io.XDMFFile or meshio"
+                f"{self._path} has a DataItem of type {min(odd)}, which is not understood: write the mesh anew, by "
+                "dolfinx.io.XDMFFile or meshio"
             )
         whole = item.get("NumberType", item.get("DataType", "Float")).lower() in ("int", "uint", "char", "uchar")
         if kind == "XML":

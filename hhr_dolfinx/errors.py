@@ -1,5 +1,12 @@
 """Named errors and warnings. Each message gives the value, the limit and what to try."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 
 class HHRError(Exception):
     """Base of every error this package raises on purpose."""
@@ -159,6 +166,13 @@ class FarSlidingWarning(UserWarning):
 
 class TimeStepWarning(UserWarning):
     """The time steps of a history are too long for the rates of its laws."""
+
+
+def rounded(place: Iterable[float]) -> list[float]:
+    """Coordinates for a message, to six digits; those that are round-off of the largest one are zero."""
+    values = [float(value) for value in place]
+    least = 1e-12 * max(map(abs, values), default=0.0)
+    return [0.0 if abs(value) <= least else float(f"{value:.6g}") for value in values]
 
 
 def class_of(name: str) -> type[HHRError]:

@@ -16,7 +16,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.body import laws_of_scenes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
+from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.group import Group
 from hhr_dolfinx.linear.sparse import singular_stiffness
@@ -329,7 +329,7 @@ def conditions_with_unknowns(
         mu = dict(zip(space.names, corner[worst].tolist(), strict=True))
         warn(
             f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have imposed displacements and "
-            f"penetrate, most ({-least[worst]:.3g}) at {rows.points[imposed[worst]].tolist()} for {mu}: no force acts "
+            f"penetrate, most ({-least[worst]:.3g}) at {rounded(rows.points[imposed[worst]])} for {mu}: no force acts "
             "there. Change these displacements, the gap or the box of the parameters",
             SceneWarning,
         )

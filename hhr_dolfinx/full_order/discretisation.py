@@ -26,7 +26,7 @@ from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, rounded
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -301,7 +301,7 @@ class Discretisation(DiscreteSpace):
             node, component = divmod(int(dofs[0]), self.mesh.geometry.dim)
             raise SceneError(
                 f"displacements {other} on tag {before.tag} and {number} on tag {item.tag} impose different values on "
-                f"one node, of component {component} at {self._points()[node].tolist()}: leave one of them out, or "
+                f"one node, of component {component} at {rounded(self._points()[node])}: leave one of them out, or "
                 "give surfaces that no node has in common"
             )
 

@@ -16,6 +16,7 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.errors import rounded
 from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
@@ -58,7 +59,7 @@ def free_bodies(
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
         tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
-        name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
+        name = f"body {', '.join(tags)} of scene '{scene.name}', around {rounded(points[nodes].mean(axis=0))},"
         components.append(FreeBody(name, nodes, motions, np.eye(len(motions))))
     if followers is None or followers.map is None:
         left = (replace(one, left=_kernel(one.motions[:, imposed[one.nodes]].T)) for one in components)
@@ -138,7 +139,7 @@ def described(body: FreeBody, ways: np.ndarray) -> str:
     parts = [f"moves along axis {axis}" for axis in along]
     if len(ways) > len(along):
         turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
-        parts.append("turns" if turning else f"moves along {np.round(ways[0, :shifts], 3).tolist()}")
+        parts.append("turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}")
     return ", ".join(parts)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.pairings.surface import (
     Surface,
     along_normal,
@@ -81,7 +81,7 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
         place = (lost if len(lost) else first.points[own])[0].tolist()
         raise SceneError(
             f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and {second.tag} ({len(there)} that "
-            f"look against it) do not face each other node to node along {normal.tolist()}: {len(lost)} nodes have no "
+            f"look against it) do not face each other node to node along {rounded(normal)}: {len(lost)} nodes have no "
             f"partner, e.g. at {place}. Mesh both surfaces alike or use a pairing for non-matching meshes, "
             "NodeToSurface or Mortar"
         )

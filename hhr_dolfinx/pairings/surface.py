@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Booleans, Floats, Integers
-from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.errors import PairingWarning, SceneError, rounded
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.warn import warn as report
 
@@ -203,13 +203,13 @@ def make_surface(
     flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
     if flat.any():
         raise SceneError(
-            f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {middles[flat][0].tolist()}: "
+            f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {rounded(middles[flat][0])}: "
             "mend the mesh there"
         )
     # areas are integrated over outer facets only; of a warped facet ``sizes`` is a little too small
     if areas[np.unique(facet_nodes)].sum() < 0.999 * (sizes * weights[facet_nodes].mean(axis=1)).sum():
         raise SceneError(
-            f"contact surface {tag} has facets inside the mesh, around {middles.mean(axis=0).tolist()}: tag outer "
+            f"contact surface {tag} has facets inside the mesh, around {rounded(middles.mean(axis=0))}: tag outer "
             "sides only, and give bodies in contact nodes of their own"
         )
     outward = vectors / sizes[:, None]
@@ -268,7 +268,7 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: 
         middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
             f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
-            f"{normal.tolist()} and none of its {towards.size} facets does: the surfaces do not face each other. "
+            f"{rounded(normal)} and none of its {towards.size} facets does: the surfaces do not face each other. "
             "Swap the surfaces or the sign of the normal, which points away from the first surface"
         )
 
@@ -289,7 +289,7 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
         worst = int(rows.gap.argmin())
         warn(
             f"the initial overlap at surface {surface.tag} exceeds a cell at {int(deep.sum())} places, most "
-            f"({-rows.gap[worst]:.3g}) at {rows.points[worst].tolist()}: check the positions and the normal"
+            f"({-rows.gap[worst]:.3g}) at {rounded(rows.points[worst])}: check the positions and the normal"
         )
 
 

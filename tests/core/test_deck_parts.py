@@ -168,7 +168,7 @@ WRONG = {
     "*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n*NSET, NSET=S, INSTANCE=A\nnone\n": "there is no set 'A.none' before",
     "*INSTANCE, NAME=A, PART=Cube\n*ELEMENT, TYPE=C3D8\n7, 1, 2, 3, 4, 5, 6, 7, 99\n": r"element A\.7 has a node",
     "*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n*SURFACE, NAME=S\nA.1, S9\n": r"'A\.1, S9' is no face of cells",
-    "*NODE, SYSTEM=C\n1, 1., 90.\n": "cylindrical or spherical",
+    "*NODE, SYSTEM=X\n1, 1., 90.\n": "there is no coordinate system X, but R, C and S",
 }
 
 

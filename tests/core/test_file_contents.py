@@ -27,7 +27,6 @@ from test_mesh_files import write_exodus
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
 from hhr_dolfinx.errors import FileContentError, SceneError
-from hhr_dolfinx.geometries.groups import groups_of_nodes
 from hhr_dolfinx.geometries.mesh_file import summary_of
 
 POINTS = [(float(x), float(y), z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
@@ -274,7 +273,13 @@ MARKERS = {
 
 
 @needs("nonmatching")
-@pytest.mark.parametrize("what", MARKERS)
+@pytest.mark.parametrize(
+    "what",
+    [
+        pytest.param(what, marks=needs("mesh_formats") if held[0].endswith((".unv", ".bdf")) else ())
+        for what, held in MARKERS.items()
+    ],
+)
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     name, held, names = MARKERS[what]
     path = written(tmp_path / name, held) if isinstance(held, str) else by_meshio(tmp_path / name, **held)
@@ -389,6 +394,15 @@ def test_xdmf_without_its_numbers(tmp_path):
     path.with_suffix(".h5").unlink()
     with pytest.raises(FileContentError, match=r"keeps its numbers in cubes\.h5, which is not in .*put it there too"):
         hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+def test_packed_and_odd_items_of_xdmf_are_refused(tmp_path):
+    path = mixed_in_xml(tmp_path)
+    text = path.read_text()
+    for more, why in (('Compression="Zlib"', "Zlib"), ('ItemType="HyperSlab"', "HyperSlab")):
+        path.write_text(text.replace("<DataItem", f"<DataItem {more}", 1))
+        with pytest.raises(FileContentError, match=f"DataItem of type {why}, which is not understood: write the mesh"):
+            hhr.MeshFile(path).read()
 
 
 @needs("nonmatching")
@@ -506,7 +520,7 @@ def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, beam):
     assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
 
 
-@needs("nonmatching")
+@needs("nonmatching", "mesh_formats")
 def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
     with pytest.raises(SceneError, match=r"facet tags \[15\] are not in the mesh") as found:
         pressure(written(tmp_path / "c.bdf", nastran()), (1, 2, 11, 12, 13, 15))
@@ -549,22 +563,6 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
         assert f"gaps from 0.01 to 0.01{said}" in text
 
 
-def test_groups_of_nodes_of_med(tmp_path):
-    """The layout of MED by netCDF4; gmsh has the nodes in another order than the file."""
-    points = np.array(POINTS)
-    families = np.where(points[:, 2] == 2.01, 7, 0)
-    with netcdf4("a test").Dataset(tmp_path / "c.med", "w") as data:
-        nodes = data.createGroup("ENS_MAA/cubes/step/NOE")
-        nodes.createDimension("all", points.size)
-        nodes.createDimension("nodes", len(points))
-        nodes.createVariable("COO", "f8", ("all",))[:] = points.T.ravel()
-        nodes.createVariable("FAM", "i8", ("nodes",))[:] = families
-        data.createGroup("FAS/cubes/NOEUD/FAM_7_LID").NUM = 7
-    order = np.random.default_rng(0).permutation(len(points))
-    found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
-    assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
-
-
 # ---------------------------------------------------------------- attacks
 
 
@@ -598,13 +596,18 @@ def folder(tmp_path_factory):
     gmsh.write(str(path / "flat.inp"))
     if MED:
         gmsh.write(str(path / "flat.med"))
+        (path / "flat.mmed").write_bytes((path / "flat.med").read_bytes())
     gmsh.finalize()
     return path
 
 
 @pytest.mark.parametrize(
     "name",
-    [*(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)), pytest.param("flat.med", marks=needs_med), "flat.inp"],
+    [
+        *(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)),
+        *(pytest.param(name, marks=needs_med) for name in ("flat.med", "flat.mmed")),
+        "flat.inp",
+    ],
 )
 def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
     found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)

@@ -159,7 +159,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             )
         found.say(
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{by_law}{left_out}"
+            f"{closed}, {f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]
@@ -209,7 +209,8 @@ def sag_of(surface: Surface) -> float:
     if not surface.facets.size:
         return 0.0
     cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals).min(axis=1)
-    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    # near 1 the cosines are round-off
+    angles = np.where(cosines > 1.0 - 1e-12, 0.0, np.arccos(np.clip(cosines, -1.0, 1.0)))
     lengths = np.linalg.norm(np.ptp(surface.corners, axis=1), axis=1)
     return float((lengths * angles * surface.sag_shares()).max() / 4)
 

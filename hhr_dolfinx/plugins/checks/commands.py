@@ -87,6 +87,10 @@ def _contents_of(name: str, picture: Path | None) -> str:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
         found = f"{found}\n  surfaces that face each other, for contacts, with their smallest gaps:\n{lines}{more}"
+    elif raw.points.shape[1] > raw.dim:
+        found = f"{found}\n  the cells are shells in space, which are not supported: mesh the volume of the bodies"
+    elif not raw.all_surfaces():
+        found = f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
     if (folded := offered("folded")) and (said := folded(raw, name)):
         found = f"{found}\n{said}"
     if picture is not None:

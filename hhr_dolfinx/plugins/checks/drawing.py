@@ -94,7 +94,7 @@ def figure_of_scene(found: SceneCheck) -> Figure:
 
 
 def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
-    """Bodies and surfaces of a mesh file by name; each cell and each set of facets is drawn once."""
+    """Bodies and surfaces of a mesh file by name; each cell and each facet is drawn once, in the smallest set."""
     figure, axes = _new_figure(raw.points)
     free = np.ones(len(raw.cells), dtype=bool)
     # sets of all cells come last, and names before their numbers
@@ -109,13 +109,17 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
     if free.any():
         style = {"facecolor": "lightgray", "label": "in no body"}
         _draw_cells(axes, raw.points, raw.kind, raw.cells[free], style)
-    known: set[bytes] = set()
-    for name, facets in sorted(raw.all_surfaces().items(), key=lambda item: isinstance(item[0], int)):
-        key = np.unique(np.sort(facets, axis=1), axis=0).tobytes()
-        if key not in known and len(known) < MOST_SURFACES:
-            known.add(key)
-            _draw_facets(axes, list(raw.points[facets]), f"C{drawn}", f"surface {name}")
+    known: set[tuple[int, ...]] = set()
+    count = 0
+    # large sets, such as the outside of a body, would hide what is in them
+    for name, facets in sorted(raw.all_surfaces().items(), key=lambda item: (isinstance(item[0], int), len(item[1]))):
+        keys = list(map(tuple, np.sort(facets, axis=1).tolist()))
+        rest = [corners for key, corners in zip(keys, facets, strict=True) if key not in known]
+        known.update(keys)
+        if rest and count < MOST_SURFACES:
+            _draw_facets(axes, list(raw.points[np.array(rest)]), f"C{drawn}", f"surface {name}")
             drawn += 1
+            count += 1
     _frame(figure, axes, raw.points, "", title)
     return figure
 

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.body import Body
+from hhr_dolfinx.errors import rounded
 from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.mesh_file import MeshFile
@@ -79,13 +80,13 @@ def look_at_mesh(found: SceneCheck) -> None:
         own = look.points[look.cells[look.owner == place]]
         size = _size(own.reshape(-1, look.points.shape[1]))
         corners = own[:, : look.corners]
-        kind = "cells" if own.shape == corners.shape else "cells of second order"
+        kind = f"cell{'s' * (len(own) > 1)}{' of second order' * (own.shape != corners.shape)}"
         text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
         found.say(text)
         worst, where = worst_cell(corners)
         if worst < BAD_CELL:
             found.note(
-                f"body {body.tag!r} has bad cells, the worst at {np.round(where, 6).tolist()} with a quality of "
+                f"body {body.tag!r} has bad cells, the worst at {rounded(where)} with a quality of "
                 f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly"
             )
         _modulus(found, body)
@@ -137,7 +138,7 @@ def look_at_joints(found: SceneCheck) -> None:
         if len(own) and (place, place) not in paired:
             found.note(
                 f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
-                f"{look.points[own[0, 0]].tolist()}, and its cells do not hang together there. Merge these nodes, in "
+                f"{rounded(look.points[own[0, 0]])}, and its cells do not hang together there. Merge these nodes, in "
                 "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed"
             )
         elif pieces.max() > 0:
@@ -150,7 +151,7 @@ def look_at_joints(found: SceneCheck) -> None:
         if between.any() and (one, other) not in paired:
             found.note(
                 f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, e.g. at "
-                f"{look.points[twins[between][0, 0]].tolist()}, and no contact pair is between them: they go through "
+                f"{rounded(look.points[twins[between][0, 0]])}, and no contact pair is between them: they go through "
                 "each other. Give their surfaces a contact pair, or merge these nodes to glue them"
             )
 
@@ -163,7 +164,7 @@ def look_at_common_nodes(found: SceneCheck) -> None:
             if common.any():
                 found.note(
                     f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
-                    f"at {first.points[common][0].tolist()}: they are glued there and cannot open. Give each body "
+                    f"at {rounded(first.points[common][0])}: they are glued there and cannot open. Give each body "
                     "nodes of its own, in gmsh without a fragment or removeDuplicateNodes"
                 )
 

@@ -126,7 +126,7 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
                 made.append(command.left("a load is multiplied by a function that does not end at 1: it counts whole"))
     supports = tuple(one for one in made if isinstance(one, Support))
     loads = tuple(one for one in made if isinstance(one, Load))
-    pairs = tuple(one for one in made if isinstance(one, Pair)) or parts.out_of_reach(supports, parts.surfaces)
+    pairs = tuple(one for one in made if isinstance(one, Pair)) or parts.out_of_reach(supports)
     left = tuple(one for one in made if isinstance(one, Left))
     return Deck(mesh, hypothesis, tuple(sections), supports, loads, pairs, left)
 

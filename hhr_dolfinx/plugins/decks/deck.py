@@ -110,3 +110,4 @@ class Deck:
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
     history: History | None = None  # None where the end of the last step is all that counts
     folded: bool = False  # True for a mesh with folded cells of second order
+    sides: bool = False  # names of sides of bodies that the file does not have are used

@@ -34,9 +34,9 @@ _READ = OF_MATERIALS | frozenset(
     "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION".split("|")
 )
 _WITHOUT_EFFECT = frozenset(
-    "NODE|ELEMENT|NSET|ELSET|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|END INSTANCE|PREPRINT|"
-    "END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|TIME POINTS|SOLUTION TECHNIQUE|SOLVER CONTROLS|FILTER|"
-    "CONTACT CONTROLS|ORIENTATION".split("|")
+    "NODE|ELEMENT|NSET|ELSET|NGEN|NFILL|ELGEN|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|"
+    "END INSTANCE|PREPRINT|END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|TIME POINTS|SOLUTION TECHNIQUE|"
+    "SOLVER CONTROLS|FILTER|CONTACT CONTROLS|ORIENTATION".split("|")
 )
 _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
@@ -162,7 +162,7 @@ def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Suppo
     """
     pairs = whole.out_of_reach(supports, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
-    return parts.out_of_reach(supports, parts.surfaces) if unnamed and parts is not whole else pairs
+    return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
 def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:

@@ -18,10 +18,10 @@ class DeckNodes:
     deck: Deck
 
     def numbers(self, word: str) -> tuple[int, ...]:
-        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``, in their order; empty if there are none."""
+        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are none."""
         name = word.upper()
         if name in self.deck.node_sets:
-            return tuple(sorted(set(self.deck.node_sets[name])))
+            return tuple(self.deck.members(name))
         instance, _, own = name.rpartition(".")
         first = {one.upper(): k * STRIDE for k, one in enumerate(self.deck.instances, start=1)} | {"": 0}
         number = first.get(instance, 0) + int(own) if own.isdigit() else 0

@@ -101,15 +101,16 @@ class NamedParts:
                 return Pair(text, friction, source, gap)
         return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source, gap)
 
-    def out_of_reach(self, supports: Sequence[Support], among: Container[Tag]) -> tuple[Pair, ...]:
+    def out_of_reach(self, supports: Sequence[Support], among: Container[Tag] | None = None) -> tuple[Pair, ...]:
         """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none.
 
-        It faces one of the surfaces ``among``, or the outside of all bodies.
+        It faces one of the surfaces ``among``, of all if None, or the outside of all bodies.
         """
         held = np.zeros(self.raw.points.shape, dtype=bool)
         for item in supports:
             held[self.nodes(item.place), item.component] = True
-        names = [name for name in self.surfaces if name in among and (self.owners(name) >= 0).all()]
+        known = self.surfaces if among is None else among
+        names = [name for name in self.surfaces if name in known and (self.owners(name) >= 0).all()]
         flat = {name: self.flat_normal(name) for name in names}
         surfaces = [(name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None]
         outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.named import FLAT, NamedParts
+from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
 FACING = -0.5
 """Largest cosine between outer normals of two surfaces that face each other."""
@@ -30,31 +32,70 @@ PRESSED = ("pressure",)
 """Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
 
 
-def template(path: Path, parts: NamedParts) -> Deck:
-    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left."""
+def template(path: Path, given: NamedParts) -> Deck:
+    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left.
+
+    Raises:
+        FileContentError: for a mesh of shells.
+    """
+    parts = given
     dim = parts.raw.dim
+    if parts.raw.points.shape[1] > dim:
+        raise FileContentError(
+            f"{path} has cells of dimension {dim} in a space of dimension 3: shells are not supported. Mesh the volume "
+            "of the bodies, and save it, in gmsh by a physical group of volumes; a plane mesh must lie across z"
+        )
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
     left = [Left(source, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
     bolts = dict(_bolts(parts, source))
     deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
+    supports, loads = _by_names(parts, _pieces(parts), source, left)
+    parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)
-    supports, loads = _by_names(parts, piece, source, left)
-    used = {item.place for item in supports} | {name for name in piece if _begins(name, PRESSED)}
-    pairs = _facing(parts, {name: number for name, number in piece.items() if name not in used})
     if not pairs:
-        left.append(Left(source, "contact", "no named surfaces of two bodies face each other: name a pair in contacts"))
-    elif not supports:
+        left.append(Left(source, "contact", "no surfaces of two bodies face each other: name a pair in contacts"))
+    if pairs and not supports:
         supports, proposed = _by_places(parts, piece, pairs[0], source, left)
         loads = loads or proposed
+    elif not pairs and not loads:
+        made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
+        supports = supports or made
+        if not supports:
+            left.append(Left(source, "support", "no surface to hold a body at: name one in the file of the mesh"))
+        elif not loads:
+            left.append(Left(source, "loads", "no surface to press, and the answer is zero: name one in the file"))
     return replace(
         deck,
         supports=tuple(supports),
         loads=tuple(loads),
-        pairs=tuple(_pair(parts, *pair, source) for pair in pairs),
+        pairs=tuple(_pair(parts, *pair, source) for pair in pairs) or parts.out_of_reach(supports),
         left=tuple(left),
+        sides=parts is not given,
     )
+
+
+def _touching(parts: NamedParts, supports: Sequence[Support], wider: bool) -> tuple[NamedParts, list[tuple[Tag, Tag]]]:
+    """Pairs of surfaces that face each other, and the mesh that has them: with names of sides if the file has too few.
+
+    Args:
+        parts: the mesh of the file.
+        supports: supports, whose surfaces do not touch others.
+        wider: True if sides may have names that the file does not have.
+    """
+
+    def pairs_of(mesh: NamedParts) -> list[tuple[Tag, Tag]]:
+        used = {item.place for item in supports}
+        piece = _pieces(mesh)
+        return _facing(mesh, {name: k for name, k in piece.items() if name not in used and not _begins(name, PRESSED)})
+
+    found = pairs_of(parts)
+    if found or not wider:
+        return parts, found
+    divided = NamedParts(with_sides(parts.raw))
+    found = pairs_of(divided)
+    return (divided, found) if found or len(_pieces(parts)) < 2 else (parts, [])
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:
@@ -94,6 +135,27 @@ def _by_places(
         supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]
         if number == piece[slave]:
             loads = [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+    return supports, loads
+
+
+def _by_ends(
+    parts: NamedParts, piece: Mapping[Tag, int], held: Sequence[Tag], source: str
+) -> tuple[list[Support], list[Load]]:
+    """Supports of each piece at its first end along the longest axis, and a pressure on the other end of the last.
+
+    The ends of pieces with surfaces that are ``held`` are these.
+    """
+    points = parts.raw.points
+    supports: list[Support] = []
+    loads: list[Load] = []
+    for number in sorted(set(piece.values())):
+        names = [name for name in piece if piece[name] == number]
+        corners = np.concatenate([points[parts.nodes(name)] for name in names])
+        axis = int(np.ptp(corners, axis=0).argmax())
+        end = min(names, key=lambda name: (name not in held, points[parts.nodes(name), axis].mean()))
+        supports += [Support(end, k, 0.0, source) for k in range(parts.raw.dim)]
+        far = _far(parts, names, end)
+        loads = [] if far is None else [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
     return supports, loads
 
 

@@ -55,6 +55,8 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
 def _geometry(deck: Deck) -> str:
     outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
     text = "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    if deck.sides:
+        text = "hhr.WithOutside(MESH, sides=True)"
     if deck.cuts:
         text = f"hhr.CutMesh(MESH, sections={deck.cuts!r})"
     return f"hhr.Untangled({text})" if deck.folded else text

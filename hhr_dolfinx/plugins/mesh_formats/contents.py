@@ -31,6 +31,7 @@ class Contents:
         elements: nodes of each element, by meshio's kind and by element.
         sets: elements of each set, by name or number.
         nodes: nodes of each set of nodes, by name.
+        unions: numbers of the sets of elements in each union of such sets, by name.
         left_out: reasons for parts of the file that are not read.
         line: line of the file that is read.
     """
@@ -39,6 +40,7 @@ class Contents:
     elements: dict[str, dict[Hashable, Sequence[Hashable]]] = field(default_factory=dict)
     sets: dict[str | int, list[Hashable]] = field(default_factory=dict)
     nodes: dict[str | int, list[Hashable]] = field(default_factory=dict)
+    unions: dict[str, list[int]] = field(default_factory=dict)
     left_out: dict[str | int, str] = field(default_factory=dict)
     line: int = 0
 
@@ -74,7 +76,12 @@ class Contents:
             blocks.append(Elements(kind, _in_order_of_vtk(kind, points, nodes), sets=sets))
         kept = {str(name): [place[one] for one in own if one in place] for name, own in self.nodes.items()}
         nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in kept.items()}
-        return raw_mesh(points, blocks, path, nodes=nodes_of, left_out=self.left_out)
+        there = {name for block in blocks for name in block.sets} | {name for name, rows in kept.items() if rows}
+        named = [*self.sets.items(), *self.nodes.items()]
+        reasons = {
+            key: f"none of its {len(own)} members is in the file" for key, own in named if own and key not in there
+        }
+        return raw_mesh(points, blocks, path, nodes=nodes_of, left_out={**reasons, **self.left_out})
 
 
 def _in_order_of_vtk(kind: str, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -59,7 +59,8 @@ def read_feb(path: Path) -> RawMesh:
 def _take(found: Contents, item: Element, block: Element) -> None:
     """Add an item of a block of the mesh, or numbers that are the text of a set."""
     words = (item.text or "").replace(",", " ").split()
-    name = block.get("name", "")
+    # files of version 2 name their elements by elset
+    name = block.get("name", block.get("elset", ""))
     if block.tag == "Nodes":
         found.points[item.attrib["id"]] = [float(word) for word in words]
     elif block.tag == "Elements" and (kind := _KINDS.get(block.attrib["type"].lower())):
@@ -68,7 +69,7 @@ def _take(found: Contents, item: Element, block: Element) -> None:
         found.sets.setdefault(name or int(block.get("mat", "1")), []).append(item.attrib["id"])
     elif block.tag == "Elements":
         found.left_out[name or block.attrib["type"]] = f"elements of type {block.attrib['type']} are not read"
-    elif block.tag == "Surface":
+    elif block.tag in ("Surface", "Edge"):
         found.add(_KINDS[item.tag.lower()], (name, item.attrib["id"]), words)
         found.sets.setdefault(name, []).append((name, item.attrib["id"]))
     elif item.tag in ("NodeSet", "ElementSet") or block.tag in ("NodeSet", "ElementSet"):

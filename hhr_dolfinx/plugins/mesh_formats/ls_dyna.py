@@ -8,7 +8,9 @@ from pathlib import Path
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
 
-_SET = re.compile(r"SET_(NODE|SEGMENT)(?:_LIST)?(?:_TITLE)?")
+_SET = re.compile(r"SET_(NODE|SEGMENT|SOLID|SHELL|PART)(?:_LIST)?(_GENERATE)?(?:_TITLE)?")
+_SOLID = re.compile(r"ELEMENT_SOLID(?:_(H20|H27|TET4TOTET10|H8TOH20))?")
+_COUNTED = {"H20": 20, "H27": 27}
 Rows = list[tuple[int, str]]  # with their lines
 
 
@@ -20,6 +22,8 @@ def read_keywords(path: Path) -> RawMesh:
     for number, title in titles.items():
         if title and number in found.sets:
             found.sets.setdefault(title, []).extend(found.sets[number])
+    for name, parts in found.unions.items():
+        found.sets.setdefault(name, []).extend(one for number in parts for one in found.sets.get(number, ()))
     return found.mesh(path)
 
 
@@ -48,9 +52,11 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
     if keyword == "NODE":
         for found.line, row in rows:
             node, *place = _fields(row, width, max(width, 16))
-            found.points[int(node)] = [float(word or 0) for word in (*place, "", "")[:3]]
-    elif keyword in ("ELEMENT_SOLID", "ELEMENT_SHELL"):
-        _elements(found, keyword, rows, width)
+            found.points[int(node)] = [float(word or 0) for word in (*place, "", "", "")[:3]]
+    elif keyword == "ELEMENT_SHELL":
+        _elements(found, PLANE, keyword, rows, width)
+    elif solid := _SOLID.fullmatch(keyword):
+        _elements(found, SOLID, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
     elif keyword == "PART":
         for (_, title), (found.line, row) in zip(rows[::2], rows[1::2], strict=False):
             titles[_numbers(row, width)[0]] = title.strip()
@@ -59,30 +65,42 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
             _read(found, titles, path.parent / row.strip())
     elif of := _SET.fullmatch(keyword):
         title = rows[0][1].strip() if keyword.endswith("_TITLE") else ""
-        _set(found, of[1], title, [_numbers(row, width) for found.line, row in rows[bool(title) :]])
+        titled = keyword.endswith("_TITLE")
+        _set(found, of[1], title, [_numbers(row, width) for found.line, row in rows[titled:]], bool(of[2]))
     elif keyword.startswith(("ELEMENT_", "SET_", "INCLUDE_", "NODE_")):
         found.left_out[f"*{keyword}"] = "blocks of this kind are not read"
 
 
-def _set(found: Contents, what: str, title: str, rows: list[list[int]]) -> None:
-    """Add a set by its title or its number, which is in its first row."""
+def _set(found: Contents, what: str, title: str, rows: list[list[int]], ranges: bool) -> None:
+    """Add a set by its title or its number, which is in its first row; members may be ranges, first and last each."""
     number = rows[0][0]
+    members = [one for row in rows[1:] for one in row if one]
+    if ranges:
+        pairs = zip(members[::2], members[1::2], strict=True)
+        members = [one for first, last in pairs for one in range(first, last + 1)]
     if what == "NODE":
-        found.nodes[title or f"nodes {number}"] = [node for row in rows[1:] for node in row if node]
-        return
-    for k, row in enumerate(rows[1:]):
+        found.nodes[title or f"nodes {number}"] = [*members]
+    elif what == "PART":
+        # its parts may follow
+        found.unions[title or f"parts {number}"] = [*members]
+    elif what != "SEGMENT":
+        name = title or f"{what.lower()}s {number}"
+        found.sets.setdefault(name, []).extend((f"ELEMENT_{what}", one) for one in members)
+    for k, row in enumerate(rows[1:] if what == "SEGMENT" else ()):
         nodes = list(dict.fromkeys(node for node in row[:4] if node))
         found.add((LOW if len(nodes) == 2 else PLANE)[len(nodes)], (what, number, k), nodes)
         found.sets.setdefault(title or number, []).append((what, number, k))
 
 
-def _elements(found: Contents, keyword: str, rows: Rows, width: int) -> None:
-    """Add solids or shells. Their nodes are in the same row, or in the next one; repeated ones make simpler cells."""
-    kinds = SOLID if keyword == "ELEMENT_SOLID" else PLANE
+def _elements(found: Contents, kinds: dict[int, str], keyword: str, rows: Rows, width: int, count: int = 0) -> None:
+    """Add solids or shells. Their nodes are in the same row, or in the next ones; repeated ones make simpler cells.
+
+    An element goes on in the next row if this one ends in a comma, or while it has fewer nodes than ``count``.
+    """
     held: list[int] = []
     for found.line, row in rows:
-        held += _numbers(row, width)
-        if len(held) > 2:
+        held += _numbers(row.rstrip().rstrip(","), width)
+        if len(held) > 2 and len(held) - 2 >= count and (count or not row.rstrip().endswith(",")):
             element, part, *nodes = held
             nodes = list(dict.fromkeys(node for node in nodes if node))
             if len(nodes) not in kinds:
@@ -91,7 +109,7 @@ def _elements(found: Contents, keyword: str, rows: Rows, width: int) -> None:
             found.sets.setdefault(part, []).append((keyword, element))
             held = []
     if held:
-        raise ValueError(f"element {held[0]} has no nodes")
+        raise ValueError(f"element {held[0]} has {'too few' if len(held) > 2 else 'no'} nodes")
 
 
 def _fields(row: str, *widths: int) -> list[str]:

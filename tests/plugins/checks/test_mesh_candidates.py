@@ -10,6 +10,7 @@ from test_file_contents import CUBES, DECK, FACES, NAMES, POINTS, by_meshio, nod
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.plugins.checks import drawing
 from hhr_dolfinx.plugins.checks.candidates import contact_candidates
 from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 
@@ -92,3 +93,12 @@ def test_a_picture_has_each_body_and_surface_once(name, tmp_path):
         wanted = ["body 1", "body 2", *(f"surface {one}" for one in FACES)]
     figure = figure_of_mesh(hhr.MeshFile(path).read(), name)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == wanted
+
+
+def test_the_outside_of_a_body_hides_no_surface(tmp_path, monkeypatch):
+    """Each facet belongs to the smallest set: of the outside of the upper cube four sides are left."""
+    path = written(tmp_path / "skin.inp", DECK + "*SURFACE, NAME=A_SKIN\nUPPER,\n")
+    drawn = {}
+    monkeypatch.setattr(drawing, "_draw_facets", lambda _, facets, __, label: drawn.update({label: len(facets)}))
+    figure_of_mesh(hhr.MeshFile(path).read(), "skin")
+    assert drawn["surface SLAVE"] == drawn["surface LID"] == 1 and drawn["surface A_SKIN"] == 4

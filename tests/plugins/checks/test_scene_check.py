@@ -74,7 +74,7 @@ def test_gaps_are_those_of_the_scene(hypothesis):
     found = check_scene(pressed_block(hypothesis, gap=0.01))
     assert texts(found, NOTE, MISTAKE) == []
     (said,) = [text for text in texts(found, OK) if text.startswith("contact 0")]
-    assert "gaps from 0.01 to 0.01, facets sag by 0" in said
+    assert "gaps from 0.01 to 0.01, facets are flat" in said
 
 
 @needs("nonmatching")

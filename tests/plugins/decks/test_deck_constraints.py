@@ -13,6 +13,7 @@ from shell import invoke
 from test_decks import end, solved, started
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.loading import scene_of
 
 PILOTS = "*NODE\n901, 5., 0.2, 0.9\n902, 5., 0.2, 0.9\n903, 0., 0., 2.\n"
 FACE = "*SURFACE, NAME=HEAD\n4, S4\n"
@@ -377,3 +378,47 @@ def test_analytical_rigid_surfaces_in_space(name, tmp_path):
     assert known.forces().sum() > 0.01
     assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=2e-3)
     assert answer.active.sum() == known.active.sum()
+
+
+UNSORTED = """*NODE
+1, 0., 0., 0.
+2, 0., 1., 0.
+3, 0., 1., 1.
+4, 0., 0., 1.
+5, 1., 0., 1.
+6, 1., 0., 0.
+7, 1., 1., 0.
+8, 1., 1., 1.
+*ELEMENT, TYPE=C3D8, ELSET=BOX
+1, 1, 6, 7, 2, 4, 5, 8, 3
+*NSET, NSET=LEFT, UNSORTED
+1, 2, 3, 4
+*NSET, NSET=RIGHT, UNSORTED
+6, 7, 8, 5
+*MATERIAL, NAME=M
+*ELASTIC
+1000., 0.
+*SOLID SECTION, ELSET=BOX, MATERIAL=M
+*EQUATION
+2
+LEFT, 1, 1., RIGHT, 1, -1.
+*STEP
+*STATIC
+*BOUNDARY
+1, 1, 3
+2, 1
+4, 1, 2
+*CLOAD
+8, 3, 1.
+*END STEP
+"""
+
+
+def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
+    """By numbers node 1 would pair with 5, which lies elsewhere on its side: such an equation is left."""
+    for text, lost in ((UNSORTED, False), (UNSORTED.replace(", UNSORTED", ""), True)):
+        (tmp_path / "deck.inp").write_text(text)
+        code, output = invoke("start", tmp_path / "deck.inp", "--force")
+        assert code == 0 and ("paired in another order" in output) == lost, output
+        found = scene_of(str(tmp_path / "deck.py")).constraints
+        assert len(found) == (0 if lost else 1)

@@ -8,6 +8,7 @@ from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.loading import scene_of
+from hhr_dolfinx.geometries.mesh_file import MeshFile
 
 LENGTH, YOUNG = 3.0, 210e3
 
@@ -90,3 +91,71 @@ def test_a_check_takes_the_sides_of_a_section_and_springs_as_used(tmp_path):
     _, output = invoke("check", tmp_path / "column.py", "--picture", tmp_path / "column.png")
     assert "nothing names" not in output and "falls apart" not in output and "does nothing" not in output
     assert "body 'BOLT' is made of 2 pieces" in output and "hold every body" in output
+
+
+def test_sides_of_bodies_where_the_file_names_no_surface(tmp_path):
+    """The sides that touch are the top of the bolt and the foot of the cap; the pressure on the lid passes through."""
+    path = column(tmp_path)
+    path.write_text(path.read_text().partition("*SURFACE")[0])
+    assert not MeshFile(path).read().surfaces
+    code, output = invoke("start", path)
+    assert code == 0 and output.count("TODO") == 1, output  # the materials
+    scene = scene_of(str(tmp_path / "column.py"))
+    assert {scene.contacts[0].first, scene.contacts[0].second} == {"BOLT z = 3", "CAP z = 3"}
+    assert {item.tag for item in scene.displacements} == {"BOLT z = 0", "CAP z = 4"}
+    assert hhr.FullOrderModel(scene).solve([1.1]).outputs()["force 0"] == pytest.approx(1.1, rel=1e-9)
+
+
+def test_sides_end_at_edges_and_go_on_around_a_mantle(tmp_path):
+    """A prism of 16 sides, 22.5 degrees each, has three sides, and one of 6 has eight; areas are those of polygons."""
+    for count, wanted in ((16, 3), (6, 8)):
+        angles = 2 * np.pi * np.arange(count) / count
+        ring = [(np.cos(a), np.sin(a)) for a in angles]
+        points = [(x, y, z) for z in (0.0, 1.0) for x, y in ((0.0, 0.0), *ring)]
+        top = count + 1
+        wedges = [(1, 2 + k, 2 + (k + 1) % count) for k in range(count)]
+        # three tetrahedra of each wedge, divided alike on common sides
+        cells = []
+        for bottom in wedges:
+            a, b, c = sorted(bottom)
+            cells += [(a, b, c, c + top), (a, b, b + top, c + top), (a, a + top, b + top, c + top)]
+        rows = ["*NODE", *(f"{k}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(points, 1))]
+        rows += ["*ELEMENT, TYPE=C3D4, ELSET=ROD", *(f"{k}, {', '.join(map(str, c))}" for k, c in enumerate(cells, 1))]
+        (tmp_path / "rod.inp").write_text("\n".join(rows) + "\n")
+        raw = hhr.WithOutside(tmp_path / "rod.inp", sides=True).read()
+        sides = {name: rows for name, rows in raw.surfaces.items() if str(name).startswith("ROD")}
+        assert len(sides) == wanted and {"ROD z = 0", "ROD z = 1"} < sides.keys()
+        area = {}
+        for name, facets in sides.items():
+            a, b, c = np.moveaxis(raw.points[facets], 1, 0)
+            area[name] = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+        assert area.pop("ROD z = 0") == pytest.approx(count / 2 * np.sin(2 * np.pi / count))
+        area.pop("ROD z = 1")
+        mantle = 2 * count * np.sin(np.pi / count)
+        assert list(area.values()) == pytest.approx([mantle / len(area)] * len(area))
+
+
+def test_shells_are_refused_and_named(tmp_path):
+    """Faces of a body without the body; a plane mesh must lie across z."""
+    text = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 0, 1\n4, 0, 0, 1\n*ELEMENT, TYPE=S4, ELSET=SIDE\n1, 1, 2, 3, 4\n"
+    (tmp_path / "shell.inp").write_text(text)
+    code, output = invoke("start", tmp_path / "shell.inp")
+    assert code == 3 and "cells of dimension 2 in a space of dimension 3: shells are not supported" in output
+    code, output = invoke("check", tmp_path / "shell.inp")
+    assert code == 0 and "the cells are shells in space, which are not supported" in output
+
+
+def test_a_bar_with_one_named_surface_is_held_and_pressed_at_its_ends(tmp_path):
+    """Of a bar of 1 x 1 x 3 the surface FIXED is held, another one is not; the pressure acts on the far end."""
+    path = column(tmp_path)
+    head = path.read_text().partition("*ELEMENT, TYPE=C3D8, ELSET=CAP")[0]
+    for more, end in (("*SURFACE, NAME=HOLE\n2, S3\n", "BOLT z = 0"), ("*SURFACE, NAME=FIXED\n1, S1\n", "FIXED")):
+        path.write_text(head + more)
+        code, output = invoke("start", path, "--force")
+        assert code == 0 and "contact: no surfaces of two bodies" in output, output
+        scene = scene_of(str(tmp_path / "column.py"))
+        assert [(item.tag, item.component) for item in scene.displacements] == [(end, k) for k in range(3)]
+        assert [load.tag for load in scene.loads] == ["BOLT z = 3"]
+        rigid = replace(scene, bodies=(hhr.Body("BOLT", 1e3, 0.0),))
+        found = hhr.FullOrderModel(rigid).solve(scene.parameters.middle).displacement()
+        assert np.abs(found).max() == pytest.approx(1.0 * LENGTH / 1e3)

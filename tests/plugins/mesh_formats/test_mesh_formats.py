@@ -1,8 +1,12 @@
-"""Mesh files of code_aster, FEBio, LS-DYNA and Kratos: two pressed cubes, cells of second order, and damaged files.
+"""Mesh files of other programs: two pressed cubes, cells of second order, and damaged files.
 
 The cubes are those of tests/core/test_file_contents.py: their pressure is 10, a closed form.
 """
 
+import re
+
+import gmsh
+import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -11,9 +15,10 @@ from test_deck_parts import SECOND
 from test_file_contents import CUBES, FACES, NAMES, POINTS, pressure, reasons, size_of, written
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.compat import degree_of
+from hhr_dolfinx.compat import degree_of, netcdf4
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.geometries.cells import EDGE_ORDERS
+from hhr_dolfinx.plugins.mesh_formats.med import groups_of_nodes
 
 BODIES = ("LOWER", "UPPER")
 SURFACES = dict(zip(NAMES[2:], FACES.values(), strict=True))
@@ -198,6 +203,209 @@ def test_plane_cells_of_code_aster_and_kratos(tmp_path):
     assert hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read().kind == "triangle"
 
 
+def universal(nodes="2411", elements="2412", groups="2467", points=POINTS):
+    """Two cubes in data sets of an age; a beam has a further row, and a spring is of a type that is not read."""
+    rows = ["    -1", "   164", "         1  SI: Meter (newton)         2", "    -1", "    -1", f"  {nodes}"]
+    for k, place in enumerate(points, 1):
+        place = [f"{x:.16E}".replace("E", "D") for x in place]
+        head = [f"{k} 0 0 11"]
+        rows += [f"{head[0]} {joined(place)}"] if nodes == "15" else [*head, joined(place)]
+    rows += ["    -1", "    -1", f"  {elements}"]
+    more = "1 1" if elements == "780" else "1"
+    for k, cube in enumerate(CUBES, 1):
+        rows += [f"{k} 115 {more} {k if elements == '780' else 1} 7 8", joined(cube)]
+    rows += [f"{n} 94 {more} 1 7 4\n{joined(face)}" for n, face in FACES.items()]
+    rows += [f"20 21 {more} 1 7 2", "0 1 1", "1 2", f"21 136 {more} 1 7 2", "3 4", "    -1", "    -1", f"  {groups}"]
+    width = 2 if groups in ("2435", "2452", "2467", "2477") else 4
+    sets = {"LOWER": [(8, 1)], "UPPER": [(8, 2)], "LID": [(7, n) for n in FACES[14]], "EDGE": [(8, 20)]}
+    sets |= {name: [(8, n)] for name, n in zip(NAMES[2:5], FACES, strict=False)} | {"GONE": [(8, 21), (8, 99)]}
+    for number, (name, members) in enumerate(sets.items(), 1):
+        rows += [f"{number} 0 0 0 0 0 0 {len(members)}", name]
+        words = [f"{kind} {k} 0 0" if width == 2 else f"{kind} {k}" for kind, k in members]
+        rows += [joined(words[k : k + width]) for k in range(0, len(words), width)]
+    return "\n".join([*rows, "    -1", ""])
+
+
+AGES = [("2411", "2412", group) for group in ("2467", "2477", "2452", "2435", "2432", "2430", "2429", "2417")]
+
+
+@needs("nonmatching")
+@pytest.mark.parametrize("age", [*AGES, ("781", "780", "2430"), ("15", "71", "2417")])
+def test_universal_files_of_all_ages(age, tmp_path):
+    """Of I-DEAS, Salome and gmsh, with groups of elements, of nodes and of a beam."""
+    path = written(tmp_path / "c.unv", universal(*age))
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    found = hhr.MeshFile(path).read()
+    assert np.sort(found.points[found.nodes["EDGE"]], axis=0).tolist() == [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    assert found.left_out == {
+        "type 136": "elements of this type, with 2 nodes, are not read",
+        "GONE": "none of its 2 members is in the file",
+    }
+
+
+def test_numbers_of_properties_stand_for_groups_that_are_not_there(tmp_path):
+    text = universal(elements="780").partition("    -1\n  2467")[0] + "    -1\n"
+    found = hhr.MeshFile(written(tmp_path / "c.unv", text)).read()
+    assert {name: len(rows) for name, rows in found.bodies.items()} == {1: 2}
+    assert len(found.surfaces[1]) == 4
+
+
+def test_groups_of_points_that_end_gmsh(tmp_path):
+    """gmsh 4.15 ends the process when it reads groups of points that it has written itself."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    for dim, tag, name in ((3, box, "body"), (2, 1, "left"), (1, 1, "edge"), (0, 3, "pin")):
+        gmsh.model.addPhysicalGroup(dim, [tag], name=name)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+    gmsh.option.setNumber("Mesh.SaveGroupsOfNodes", 1)
+    for name in ("g.unv", "g.bdf"):
+        gmsh.write(str(tmp_path / name))
+    gmsh.finalize()
+    found = hhr.MeshFile(tmp_path / "g.unv")(MPI.COMM_SELF)
+    assert degree_of(found[0]) == 2
+    assert size_of(found, "body", 3) == pytest.approx(1.0) and size_of(found, "left", 2) == pytest.approx(1.0)
+    raw = hhr.MeshFile(tmp_path / "g.unv").read()
+    assert len(raw.nodes["edge"]) >= 3 and raw.points[raw.nodes["pin"]] == pytest.approx(np.array([[0, 1, 1]]))
+    found = hhr.MeshFile(tmp_path / "g.bdf")(MPI.COMM_SELF)
+    assert degree_of(found[0]) == 2 and size_of(found, 1, 3) == pytest.approx(1.0)
+
+
+def bulk(form="small", order=1):
+    """Two cubes in small, wide or free fields; a rigid element, a set and a case control with a set of its own."""
+    rows = ["SOL 101", "CEND", "SET 5 = 1 THRU 4", "BEGIN BULK", "$ a comment", "MAT1,1,210.+3,,.3", "RBE2,90,1,123,2"]
+
+    def card(name, words):
+        words = [*map(str, words)]
+        count = 4 if form == "wide" else 8
+        lines = [words[k : k + count] for k in range(0, len(words), count)]
+        heads = [name + "*" * (form == "wide"), *["*" if form == "wide" else "+"] * (len(lines) - 1)]
+        if form == "free":
+            return [",".join([head, *own]) for head, own in zip(heads, lines, strict=True)]
+        width = 16 if form == "wide" else 8
+        return [
+            f"{head:8}" + "".join(f"{word:{width}}" for word in own) for head, own in zip(heads, lines, strict=True)
+        ]
+
+    for k, (x, y, z) in enumerate(POINTS, 1):
+        rows += card("GRID", [k, "", x, f"{y * 10:.1f}-1" if form == "free" else y, z])
+    for k, cube in enumerate(CUBES, 1):
+        rows += card("CHEXA", [k, k, *cube])
+    for n, face in FACES.items():
+        rows += card("CQUAD4", [n, n, *face])
+    return "\n".join([*rows, "SET1    7       1       THRU    4       13", "ENDDATA", "GRID,1,,9.,9.,9.", ""])
+
+
+@needs("nonmatching")
+@pytest.mark.parametrize("form", ["small", "wide", "free"])
+def test_fields_of_nastran(form, tmp_path):
+    path = written(tmp_path / "c.bdf", bulk(form))
+    assert pressure(path, (1, 2, 11, 12, 13, 14)) == pytest.approx(10.0, rel=1e-9)
+    found = hhr.MeshFile(path).read()
+    assert found.left_out == {"RBE2": "elements of this kind are not read"}
+    assert found.nodes["SET1 7"].tolist() == [0, 1, 2, 3, 12]
+
+
+def test_coordinate_systems_of_nastran(tmp_path):
+    """A quarter of a ring in cylindrical coordinates about an axis along x, and a point in spherical ones."""
+    angles = np.linspace(0.0, 90.0, 46)
+    grids = [(r, a, h) for h in (0.0, 1.0) for a in angles for r in (1.0, 2.0)]
+    rows = ["BEGIN BULK", "CORD2C,4,,1.,0.,0.,2.,0.,0.,", "+,1.,1.,0."]
+    rows += [f"GRID,{k},4,{r},{a},{h}" for k, (r, a, h) in enumerate(grids, 1)]
+    for k in range(len(angles) - 1):
+        base = [2 * k + 1, 2 * k + 2, 2 * k + 4, 2 * k + 3]
+        nodes = [*base, *(n + 2 * len(angles) for n in base)]
+        rows += [f"CHEXA,{k + 1},3,{joined(nodes[:6], ',')}", f"+,{joined(nodes[6:], ',')}"]
+    found = hhr.MeshFile(written(tmp_path / "ring.nas", "\n".join([*rows, ""])))(MPI.COMM_SELF)
+    assert size_of(found, 3, 3) == pytest.approx(np.pi / 4 * 3, rel=1e-3)
+    low, high = found[0].geometry.x.min(axis=0), found[0].geometry.x.max(axis=0)
+    assert low == pytest.approx([1, 0, 0], abs=1e-12) and high == pytest.approx([2, 2, 2])
+    rows = ["CORD2S,5,,0.,0.,0.,0.,0.,1.", "+,1.,0.,0.", "GRID,1,5,2.,90.,90.", "GRID,2,,1.,0.,0.", "GRID,3,,0.,0.,0."]
+    text = "\n".join([*rows, "CTRIA3,1,1,1,2,3", ""])
+    assert hhr.MeshFile(written(tmp_path / "s.nas", text)).read().points[0] == pytest.approx([0, 2])
+
+
+def test_includes_of_nastran(tmp_path):
+    head, points, rest = bulk().partition("GRID")
+    grids, cells, last = (points + rest).partition("CHEXA")
+    written(tmp_path / "grids.inc", grids)
+    path = written(tmp_path / "c.bdf", f"{head}INCLUDE 'grids.inc'\n{cells}{last}")
+    assert hhr.MeshFile(path).read().bodies.keys() == {1, 2}
+
+
+def test_grids_of_vtk_of_version_2(tmp_path):
+    """DOLFINx writes version 2 and cells of Lagrange; an array names its numbers only if all of them are whole."""
+    points = np.array(POINTS)
+    cells = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
+    data = {"part": [[1, 2], [11, 12, 13, 14]], "heat": [[0.0, 1.0], [0.5, 0.0, 0.0, 0.0]]}
+    path = tmp_path / "c.vtu"
+    meshio.write(path, meshio.Mesh(points, cells, cell_data=data), compression=None)
+    before = hhr.MeshFile(path).read()
+    text = path.read_bytes()
+    assert b'version="0.1"' in text
+    path.write_bytes(text.replace(b'version="0.1"', b'version="2.2"'))
+    found = hhr.MeshFile(path).read()
+    assert found.bodies.keys() == before.bodies.keys() == {1, 2}
+    assert found.surfaces.keys() == {11, 12, 13, 14} and np.array_equal(found.points, points)
+    path.write_bytes(text.replace(b"UnstructuredGrid", b'UnstructuredGrid" compressor="vtkLZ4DataCompressor', 1))
+    with pytest.raises(FileContentError, match="compressed by LZ4: write it by ZLib"):
+        hhr.MeshFile(path).read()
+    path.write_bytes(text.replace(b'version="0.1"', b'version="2.2"')[:400])
+    with pytest.raises(FileContentError, match=f"mesh file {re.escape(str(path))} cannot be read"):
+        hhr.MeshFile(path).read()
+
+
+def test_sets_of_solids_parts_and_ranges_of_ls_dyna(tmp_path):
+    more = (
+        "*SET_PART_LIST_TITLE\nBOTH\n5\n1,2\n*SET_SOLID\n6\n2\n*SET_NODE_LIST_GENERATE_TITLE\nTOP\n7\n13,16\n*SET_BEAM"
+    )
+    found = hhr.MeshFile(written(tmp_path / "c.k", keywords("commas").replace("*SET_BEAM", more))).read()
+    assert found.bodies["BOTH"].tolist() == [0, 1] and found.bodies["solids 6"].tolist() == [1]
+    assert found.nodes["TOP"].tolist() == [12, 13, 14, 15]
+    early = "*SET_PART_LIST\n5\n1,2\n*PART"
+    found = hhr.MeshFile(written(tmp_path / "d.k", keywords("commas").replace("*PART", early))).read()
+    assert found.bodies["parts 5"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("kind", ["C3D10", "C3D20R"])
+def test_long_rows_of_ls_dyna(kind, tmp_path):
+    """Twenty nodes after *ELEMENT_SOLID_H20, and ten in rows that end in a comma, as gmsh writes them."""
+    *head, row, last = of_second_order(".k", kind, "exodus" if kind == "C3D20R" else "vtk").splitlines()
+    words = row.split(",")
+    text = "\n".join([*head[:-1], "1,1", ",".join(words[:10]), ",".join(words[10:]), last])
+    text = text.replace("*ELEMENT_SOLID", "*ELEMENT_SOLID_H20")
+    if kind == "C3D10":
+        text = "\n".join([*head[:-1], f"1,1,{','.join(words[:8])},", ",".join(words[8:]), last])
+    found = hhr.MeshFile(written(tmp_path / "c.k", text))(MPI.COMM_SELF)
+    assert degree_of(found[0]) == 2 and size_of(found, 1, 3) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_edges_and_old_names_of_febio(tmp_path):
+    """Edges are sets of nodes in space; files of version 2 call elements by elset."""
+    edge = '<Edge name="EDGE"><line2 id="1">1,2</line2></Edge><NodeSet'
+    text = feb("2.5").replace('name="LOWER"', 'elset="LOWER"').replace("<NodeSet", edge, 1)
+    found = hhr.MeshFile(written(tmp_path / "c.feb", text)).read()
+    assert found.nodes["EDGE"].tolist() == [0, 1] and found.bodies["LOWER"].tolist() == [0]
+
+
+def test_groups_of_nodes_of_med(tmp_path):
+    """The layout of MED by netCDF4; gmsh has the nodes in another order than the file."""
+    points = np.array(POINTS)
+    families = np.where(points[:, 2] == 2.01, 7, 0)
+    with netcdf4("a test").Dataset(tmp_path / "c.med", "w") as data:
+        nodes = data.createGroup("ENS_MAA/cubes/step/NOE")
+        nodes.createDimension("all", points.size)
+        nodes.createDimension("nodes", len(points))
+        nodes.createVariable("COO", "f8", ("all",))[:] = points.T.ravel()
+        nodes.createVariable("FAM", "i8", ("nodes",))[:] = families
+        data.createGroup("FAS/cubes/NOEUD/FAM_7_LID").NUM = 7
+    order = np.random.default_rng(0).permutation(len(points))
+    found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
+    assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
+
+
 ATTACK = '<!DOCTYPE x [<!ENTITY a "1"><!ENTITY b "&a;&a;&a;">]>\n'
 WRONG = {
     "coordinate.mail": (mail().replace(" 0.0D0", " zero", 1), r"line 6: could not convert string to float: 'ZERO'"),
@@ -220,6 +428,14 @@ WRONG = {
     "end.mdpa": (mdpa().replace("End Nodes", "End Elements"), r"line 25: 'End Elements' ends no block of Nodes"),
     "open.mdpa": (mdpa().rpartition("End")[0], "a block of SubModelPart has no end"),
     "kind.mdpa": (mdpa().replace("1 1 1 2 3", "1 1 1 2"), r"line 27: '\w+3D8N' has 7 nodes, which is not understood"),
+    "torn.unv": (universal().partition("2 3 4")[0], r"line \d+: element 1 has 1 nodes, and not 8"),
+    "word.unv": (universal().replace("1.0", "l.0", 1), r"line \d+: could not convert string to float"),
+    "members.unv": (universal().replace("0 4\nLID", "0 9\nLID"), r"line \d+: invalid literal for int.*'EDGE'"),
+    "lost.unv": (universal().replace("1 2 3 4 5 6 7 8", "1 2 3 4 5 6 7 88"), "names node 88, which is not in the file"),
+    "nodes.bdf": (bulk("free").replace("CHEXA,1,1,1,", "CHEXA,1,1,,"), r"CHEXA 1 has 7 nodes, and not 8 or 20"),
+    "system.bdf": (bulk("free").replace("GRID,3,,", "GRID,3,9,"), "coordinate system 9, and the file has no CORD2R"),
+    "word.bdf": (bulk("free").replace("GRID,3,,1.0", "GRID,3,,one"), r"line \d+: could not convert .* 'ONE'"),
+    "include.bdf": ("BEGIN BULK\nINCLUDE 'none.inc'\n", "none.inc"),
     "nan.mdpa": (mdpa().replace(" 3 1.0 1.0", " 3 1.0 nan", 1), r"has a node at \[1.0, nan, 0.0\]: correct it"),
     "inf.mail": (mail().replace(" 0.0D0", " 1E300", 1), r"has a node at .*1e\+300.*: correct it"),
     "word.mdpa": ("Nodes\n", "line 1: 'Nodes' begins no block"),

@@ -1,68 +1,21 @@
-"""Groups that gmsh does not read: those of .unv files of I-DEAS in all data sets, and groups of nodes of MED."""
+"""Files of MED by gmsh, with groups of nodes, which gmsh does not read."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import netcdf4
-
-UNV_GROUPS = {"2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
-"""Data sets of groups, with the number of values for a member: older ones lack two of them."""
-_NODES = 7
-_ELEMENTS = 8
-"""Codes of the types of members."""
+from hhr_dolfinx.geometries.mesh_file import read_by_gmsh
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 
-@dataclass(frozen=True, eq=False)
-class Group:
-    """A group of a .unv file: numbers of its elements and of its nodes."""
-
-    elements: np.ndarray
-    nodes: np.ndarray
-
-
-def groups_of_unv(path: Path) -> dict[str, Group]:
-    """Groups of a file by name; empty without any."""
-    found: dict[str, Group] = {}
-    lines = iter(path.read_text(errors="replace").splitlines())
-    for line in lines:
-        if line.strip() != "-1":
-            continue
-        kind = next(lines, "").strip()
-        rows = _data_set(lines)
-        if kind in UNV_GROUPS:
-            found |= dict(_groups(rows, UNV_GROUPS[kind]))
-    return found
-
-
-def _data_set(lines: Iterator[str]) -> list[str]:
-    """Lines up to the end of a data set."""
-    found = []
-    for line in lines:
-        if line.strip() == "-1":
-            break
-        found.append(line)
-    return found
-
-
-def _groups(rows: list[str], width: int) -> Iterator[tuple[str, Group]]:
-    """Names and members in a data set of groups, each with a head that ends in the count, a name, and members."""
-    place = 0
-    while place + 1 < len(rows):
-        head = rows[place].split()
-        count = int(head[-1])
-        name = rows[place + 1].strip() or head[0]
-        last = place + 2 + -(-count // width)
-        words = [int(word) for line in rows[place + 2 : last] for word in line.split()]
-        members = np.array(words, dtype=np.int64).reshape(count, -1)[:, :2]
-        yield name, Group(*(members[members[:, 0] == code, 1] for code in (_ELEMENTS, _NODES)))
-        place = last
+def read_med(path: Path) -> RawMesh:
+    """Read a file of Salome, code_aster or gmsh; raise FileContentError for one without cells of one kind."""
+    return read_by_gmsh(path, groups_of_nodes)
 
 
 def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
