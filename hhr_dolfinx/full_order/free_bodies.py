@@ -96,7 +96,9 @@ def _joined(
     moving, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([alone], parts))
     left, own = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (moving, apart))
     if len(own) > len(left):
-        moving, left, alone = apart, own, replace(alone, parts=tuple(parts))
+        moving = apart
+        left = own
+        alone = replace(alone, parts=tuple(parts))
     return replace(alone, motions=moving.T.reshape(-1, *points.shape)[:, nodes], left=left)
 
 

@@ -88,7 +88,9 @@ class _Reader:
 
     def deck(self, state: Sequence[Imposed]) -> Deck:
         """Contents of the deck with some supports and loads."""
-        found, parts, nodes, thickness = self.found, self.parts, self.nodes, self.thickness
+        found = self.found
+        parts = self.parts
+        nodes = self.nodes
         left = list(self.left)
         tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
         # nodes that move rigid tools are no nodes of cells: their motions are gaps
@@ -96,16 +98,16 @@ class _Reader:
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
-            lambda given: preloads_of(self.cuts, given, nodes, thickness, left),
-            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, thickness, left),
-            lambda given: equations_of(found, given, parts, nodes, thickness, left),
+            lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
+            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, self.thickness, left),
+            lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
         ):
             own, *more = made(own)
             constraints += more[0]
             forces += more[1]
         constraints += ties_of(found, parts, left)
         materials = {item.tag: item.material for item in self.sections}
-        supports, loads = loads_of(merged(own), parts, materials, thickness, left)
+        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left)
         loads += heated_of(found, own, nodes, materials, left)
         touching = pairs_of(found, parts, nodes, state, left)
         if not (touching or supports or constraints):

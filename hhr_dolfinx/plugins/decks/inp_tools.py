@@ -87,7 +87,8 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     every = np.array(list(nodes.deck.nodes.values()))
     if block.word("TYPE") == "CYLINDER":
         along = given[6:9] - origin if given.size == 9 else np.array([0.0, 0.0, -1.0])
-        x, along = x / np.linalg.norm(x), along / np.linalg.norm(along)
+        x /= np.linalg.norm(x)
+        along /= np.linalg.norm(along)
         line = origin + profile @ [x, np.cross(x, along)]
         heights = (every - origin) @ along
         size = np.ptp(every, axis=0).max()
