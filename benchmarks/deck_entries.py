@@ -6,7 +6,7 @@ References are closed forms, or displacements that CalculiX 2.20 prints for thes
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -437,12 +437,16 @@ def hertz(kind: str, radius: float = 50.0, push: float = 0.4) -> str:
     return deck.text
 
 
-def leaf_spring(count: int = 6, kind: str = "C3D20") -> str:
-    """A quarter of a leaf spring: half span 300 mm, half width 20, leaves 5 high, each 50 mm longer than the last."""
+def leaf_spring(cells: Sequence[int] = (8, 16, 24, 32, 40, 48), across: int = 2, kind: str = "C3D20") -> str:
+    """A quarter of a leaf spring: half span 300 mm, half width 20, leaves 5 high, each 50 mm longer than the last.
+
+    Leaves have ``cells`` along them.
+    """
     deck = Writer()
+    count = len(cells)
     leaves = [
-        deck.box("EALL", kind, (8 * number, 2, 1), (0, 0, 5 * (number - 1)), (50 * number, 20, 5 * number))
-        for number in range(1, count + 1)
+        deck.box("EALL", kind, (along, across, 1), (0, 0, 5 * (number - 1)), (50 * number, 20, 5 * number))
+        for number, along in enumerate(cells, 1)
     ]
     for number, (low, up) in enumerate(pairwise(leaves), 1):
         deck.surface(f"TOP{number}", low.faces(at(2, 5 * number)))

@@ -39,6 +39,7 @@ from .plugins.constraints.equations import Periodic as Periodic
 from .plugins.constraints.preload import BoltForce as BoltForce
 from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload
+from .plugins.constraints.serendipity import Serendipity as Serendipity
 from .plugins.constraints.tie import Tie as Tie
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
 from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures

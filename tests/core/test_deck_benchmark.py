@@ -1,5 +1,6 @@
 """Decks of the benchmark: outcomes are those that its report gives, and wrong numbers are not called right."""
 
+import deck_cases
 import deck_fits
 import decks
 import pytest
@@ -25,6 +26,12 @@ def test_a_press_fit_is_pushed_off_by_mu_times_its_normal_force(case, tmp_path):
     """All contacts slip: round-off. Friction points along the line to rest, which a rounded shaft turns by 1e-4."""
     exact = 1e-7 if "triangles" in case.source else 1e-9
     assert case.run(tmp_path) == pytest.approx(1, abs=exact)
+
+
+@needs("constraints", "nonmatching")
+def test_a_leaf_spring_has_the_force_of_calculix_for_small_displacements(tmp_path):
+    """CalculiX 2.20 has 2.180454 N at 0.1 mm, with a penalty and a tension of 1e-5 across gaps."""
+    assert deck_cases.leaf_spring_of_20_nodes(tmp_path, 0.1) == pytest.approx(2.180454, rel=1e-3)
 
 
 def test_outcomes():

@@ -23,7 +23,7 @@ from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
-from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
@@ -58,7 +58,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     """
     left = list(_ignored(found))
     whole = parts
-    cuts, parts = sections_of(found, parts, left)
+    cuts, parts = sections_of(found, parts, nodes, left)
     hypothesis = _hypothesis(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
@@ -83,7 +83,7 @@ class _Reader:
     hypothesis: str
     sections: tuple[Section, ...]
     thickness: float  # of a plane body, a length
-    cuts: Sequence[tuple[Block, str]]
+    cuts: Sequence[BoltSection]
     left: tuple[Left, ...]
 
     def deck(self, state: Sequence[Imposed]) -> Deck:
@@ -98,7 +98,7 @@ class _Reader:
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
-            lambda given: preloads_of(self.cuts, given, nodes, left),
+            lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
             lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, self.thickness, left),
             lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
         ):
@@ -125,10 +125,24 @@ class _Reader:
             in_order(left),
             sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
-            tuple(name for _, name in self.cuts),
+            tuple(one.name for one in self.cuts),
         )
         flows = any(item.material.law for item in self.sections)
-        return with_springs(deck, parts) if touching and constraints and flows else deck
+        if not (touching and flows):
+            return _with_20_nodes(deck, nodes)
+        soft = with_springs(deck, parts)
+        if constraints:
+            return _with_20_nodes(soft, nodes)
+        return deck if soft.loads != deck.loads else _with_20_nodes(deck, nodes)
+
+
+def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
+    """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
+    kinds = {nodes.deck.types[number].strip() for number in nodes.solids}
+    if not kinds or not kinds <= {"C3D20", "CPE8"}:
+        return deck
+    made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
+    return replace(deck, constraints=(*deck.constraints, made))
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
@@ -144,8 +158,11 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
-    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface."""
-    pairs = whole.out_of_reach(supports)
+    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface.
+
+    A set of nodes may hold no whole facet of the mesh that is cut.
+    """
+    pairs = whole.out_of_reach(supports, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 

@@ -48,6 +48,13 @@ BY_CCX = {
         FORCES,
         (-0.001387526, 0.0002358058, -0.05068077),
     ),
+    # nodes of the set hold whole facets, whose areas differ: the forces on all nodes are alike
+    "coupled forces on facets": (
+        "*NSET, NSET=LID\n12, 13, 14, 17, 18, 19\n"
+        "*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n*DISTRIBUTING COUPLING, ELSET=D\nLID, 1.\n",
+        FORCES,
+        (-0.006453153, 0.00003160203, -0.06073182),
+    ),
     "mean rotation": (
         "*NODE\n904, 1., 0., 0.\n*MPC\nMEANROT, 5, 5, 5, 10, 10, 10, 15, 15, 15, 20, 20, 20, 904\n",
         "*BOUNDARY\n904, 1, 1, 0.02\n",
@@ -93,6 +100,45 @@ def test_a_preloaded_bar(step, moved, tmp_path):
     assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
 
 
+def test_a_set_at_the_section_of_a_bolt(tmp_path):
+    """A force on nodes of both sides of the cut, which separates the facets of their set, by CalculiX 2.20."""
+    text = bar("*CLOAD\n903, 1, 5.\n901, 3, -3.").replace(
+        "BAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3\n", "BAR_X0, 1, 3\nBAR_X1, 1, 3\n"
+    )
+    text = text.replace(
+        "*STEP",
+        PILOTS + "*NSET, NSET=LID\n13, 14, 18, 19\n*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n"
+        "*DISTRIBUTING COUPLING, ELSET=D\nLID, 1.\n*SURFACE, NAME=CUT\n2, S4\n"
+        "*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP",
+    )
+    scene, _ = started(tmp_path, text)
+    assert end(*solved(scene), (3.0, 0.0, 0.0)) == pytest.approx((-0.002598121, 0.000687988, -0.005878261), abs=2e-7)
+
+
+def test_the_force_of_a_bolt_in_the_plane(tmp_path):
+    """The deck has a force F on the thickness t = 0.5: the stress is F / (t h)."""
+    text = (
+        "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 2., 0.\n4, 0., 1.\n5, 1., 1.\n6, 2., 1.\n7, 0., 0.\n"
+        "*ELEMENT, TYPE=CPS4, ELSET=BODY\n1, 1, 2, 5, 4\n2, 2, 3, 6, 5\n"
+        "*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.\n*SOLID SECTION, ELSET=BODY, MATERIAL=M\n0.5\n"
+        "*BOUNDARY\n1, 1, 2\n3, 1, 2\n4, 1\n6, 1\n*SURFACE, NAME=CUT\n1, S2\n"
+        "*PRE-TENSION SECTION, SURFACE=CUT, NODE=7\n1., 0.\n*STEP\n*STATIC\n*CLOAD\n7, 1, 5.\n*END STEP\n"
+    )
+    scene, _ = started(tmp_path, text)
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(2, 10.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(("face", "normal", "sign"), [("2, S4", "", 1), ("2, S4", "1., 0., 0.", 1),
+    ("2, S4", "-1., 0., 0.", -1), ("3, S6", "1., 0., 0.", -1), ("3, S6", "", 1)])  # fmt: skip
+@pytest.mark.parametrize("step", ["*BOUNDARY\n903, 1, 1, 0.02", "*CLOAD\n903, 1, 5."])
+def test_the_normal_of_a_section(face, normal, sign, step, tmp_path):
+    """CalculiX 2.20 presses the bar if the normal points into the elements of the surface."""
+    text = bar(step).replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = f"*SURFACE, NAME=CUT\n{face}\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
+    scene, _ = started(tmp_path, text.replace("*STEP", PILOTS + section.replace("\n\n", "\n")))
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, sign * 5.0), rel=1e-9)
+
+
 FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
 
 
@@ -106,8 +152,9 @@ def test_a_fixed_bolt_keeps_its_preload(first, tmp_path):
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
 
 
-def test_a_preloaded_bar_without_other_surfaces(tmp_path):
-    """Its section is the surface of the plane out of reach."""
+@pytest.mark.parametrize("more", ["", "*NSET, NSET=LID\n13, 14, 18, 19\n"])
+def test_a_preloaded_bar_without_other_surfaces(more, tmp_path):
+    """Its section is the surface of the plane out of reach, and no set whose facets the cut separates."""
     text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
     lines = text.splitlines()
     kept = [line for line in lines if not line.startswith("*SURFACE") and not line.endswith((", S1", ", S2"))]
@@ -117,7 +164,7 @@ def test_a_preloaded_bar_without_other_surfaces(tmp_path):
     last = kept.index("*MATERIAL, NAME=STEEL")
     text = "\n".join(kept[:first] + kept[last:]).replace("BAR_X0, 1\nBAR_X1, 1\nBAR_Y0, 2\nbar_z0, 3", held)
     section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
-    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + more + section))
     assert "TODO" not in output
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
 
