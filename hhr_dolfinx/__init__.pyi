@@ -34,6 +34,7 @@ from .plugins.constraints.couplings import CoupledForce as CoupledForce
 from .plugins.constraints.couplings import MeanMotion as MeanMotion
 from .plugins.constraints.couplings import RigidMotion as RigidMotion
 from .plugins.constraints.cut import CutMesh as CutMesh
+from .plugins.constraints.directed import DirectedDisplacement as DirectedDisplacement
 from .plugins.constraints.equations import Equation as Equation
 from .plugins.constraints.equations import Periodic as Periodic
 from .plugins.constraints.preload import BoltForce as BoltForce

@@ -24,6 +24,7 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
 from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_transforms import directed_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
@@ -31,7 +32,8 @@ from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 _READ = OF_MATERIALS | frozenset(
     "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
     "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY|EQUATION|MPC|"
-    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION".split("|")
+    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION|"
+    "TRANSFORM".split("|")
 )
 _WITHOUT_EFFECT = frozenset(
     "NODE|ELEMENT|NSET|ELSET|NGEN|NFILL|ELGEN|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|"
@@ -42,7 +44,6 @@ _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
 _NO = "no counterpart: "
 _REASONS = {
-    "TRANSFORM": _NO + "supports and forces at these nodes act along the axes of the mesh",
     "CONTACT": _NO + "name each pair of surfaces that may touch",
     **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
 }
@@ -101,6 +102,7 @@ class _Reader:
             lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
             lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, self.thickness, left),
             lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
+            lambda given: directed_of(found, given, parts, nodes, self.thickness, left),
         ):
             own, *more = made(own)
             constraints += more[0]

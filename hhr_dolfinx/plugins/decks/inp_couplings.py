@@ -84,8 +84,6 @@ def _coupling(
     found: Sequence[Block], block: Block, after: Block | None, parts: NamedParts, nodes: DeckNodes
 ) -> Coupling | str:
     """Coupling of a block, or the reason why it has no counterpart."""
-    if "ORIENTATION" in block.options:
-        return "no counterpart: local axes (ORIENTATION)"
     dim = parts.raw.dim
     rigid = block.keyword == "RIGID BODY"
     words = [block.word("REF NODE"), block.word("ROT NODE")]
@@ -97,6 +95,8 @@ def _coupling(
             return "needs *KINEMATIC or *DISTRIBUTING after it, without cyclic symmetry"
         rigid = kind == "KINEMATIC"
         components = _components(after, dim) if rigid else None
+        if "ORIENTATION" in block.options and components is not None:  # all components need no axes
+            return "no counterpart: local axes (ORIENTATION)"
         place = parts.surface(block.word("SURFACE"))
         place = parts.place(block.word("SURFACE")) if place is None else place
     elif "NSET" in block.options:

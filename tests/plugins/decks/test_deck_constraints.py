@@ -3,6 +3,8 @@
 Its elements of first order, C3D8, are those of the scene.
 """
 
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -251,10 +253,21 @@ def test_a_cyclic_structure(tmp_path):
     assert "turned by the angle, do not coincide" in output
 
 
+def test_all_components_need_no_local_axes(tmp_path):
+    """A coupling of all of them is the same in any axes."""
+    axes = "*ORIENTATION, NAME=O\n1., 1., 0., -1., 1., 0.\n"
+    scenes = [
+        started(tmp_path, coupled(more + KINEMATIC.replace("CONSTRAINT", f"{words}CONSTRAINT"), FORCES), name)
+        for name, more, words in (("one.inp", "", ""), ("other.inp", axes, "ORIENTATION=O, "))
+    ]
+    assert "TODO" not in scenes[1][1]
+    assert scenes[0][0].constraints == scenes[1][0].constraints
+
+
 def test_what_cannot_be_is_left(tmp_path):
     lines = (
         "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n"
-        + KINEMATIC.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
+        + ALONG.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
         + "*TIE, NAME=T\nHEAD, NOWHERE\n*EQUATION\n2\n5, 1, 1., 903, 1, -1.\n3\n901, 1, 1., 902, 1, 1., 5, 1, 1.\n"
         + "*PRE-TENSION SECTION, SURFACE=HEAD, NODE=903\n*RIGID BODY, NSET=NOWHERE, REF NODE=901\n"
         + "*MPC\nPLANE, 5, 10, 15, 20\n"
@@ -422,3 +435,51 @@ def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
         assert code == 0 and ("paired in another order" in output) == lost, output
         found = scene_of(str(tmp_path / "deck.py")).constraints
         assert len(found) == (0 if lost else 1)
+
+
+INCLINED = "TYPE=R\n1., .5, 0., -.5, 1., 0.\n"
+AXES = {
+    "slide": f"*TRANSFORM, NSET=BAR_X0, {INCLINED}*BOUNDARY\nBAR_X0, 1\nBAR_Z0, 3\n6, 1, 2\n",
+    "by numbers": f"*NSET, NSET=FEW\n1, 6, 11, 16\n*TRANSFORM, NSET=FEW, {INCLINED}*BOUNDARY\n1, 1\n6, 1\n"
+    "11, 1\n16, 1\nBAR_Z0, 3\n6, 2\n",
+    "about an axis": "*TRANSFORM, NSET=BAR_X1, TYPE=C\n0., -3., .2, 0., -3., 1.\n"
+    "*BOUNDARY\nBAR_X1, 2, 2, .01\nBAR_X0, 1, 3\n",
+}  # fmt: skip
+"""Supports of a bar in local axes: across an inclined plane, and around an axis."""
+
+
+@needs("constraints")
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="ccx, CalculiX, is not installed")
+@pytest.mark.parametrize("name", AXES)
+def test_supports_in_local_axes(name, tmp_path):
+    """Displacements of CalculiX to its seven digits."""
+    text = bar("*CLOAD\nBAR_X1, 1, 1.\nBAR_X1, 3, .2\n*NODE PRINT, NSET=ALL, GLOBAL=YES\nU")
+    held = "*BOUNDARY\nBAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3\n"
+    assert held in text
+    text = text.replace(held, AXES[name])
+    if name == "about an axis":
+        text = text.replace("BAR_X1, 1, 1.\n", "")
+    (tmp_path / "deck.inp").write_text(text)
+    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True)
+    lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
+    printed = np.array([line for line in lines if len(line) == 4], dtype=float)[:, 1:]
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output
+    assert any(isinstance(one, hhr.DirectedDisplacement) for one in scene.constraints)
+    full, answer = solved(scene)
+    moved = answer.displacement().reshape(-1, 3)
+    places = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in range(5)]
+    order = [np.abs(full.problem.points - place).sum(axis=1).argmin() for place in places]
+    assert moved[order] == pytest.approx(printed, abs=1e-6 * np.abs(printed).max())
+
+
+@needs("constraints")
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [("*TRANSFORM, NSET=BAR_X1, TYPE=C\n0., 0., 0., 0., 0., 1.\n*CLOAD\nBAR_X1, 1, 1.\n", "radial forces at nodes"),
+     ("*TRANSFORM, NSET=BAR_Y0, TYPE=R\n1., 1., 0., -1., 1., 0.\n*BOUNDARY\nBAR_X1, 2\n", "several systems of axes")],
+)  # fmt: skip
+def test_local_axes_without_a_counterpart(lines, said, tmp_path):
+    """Forces around an axis, and sets of which some nodes alone have local axes."""
+    _, output = started(tmp_path, bar("*DLOAD\n4, P4, 1.").replace("*STEP", f"{lines}*STEP", 1))
+    assert said in output
