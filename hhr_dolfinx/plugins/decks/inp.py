@@ -149,14 +149,17 @@ def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
     """Supports and forces of which a later step gives some nodes anew: their sets are not split."""
-    given: dict[tuple[str, int, int], Imposed] = {}
-    for item in sorted(state, key=lambda item: item.since):
-        place = parts.place(item.place) if item.block.keyword in ("BOUNDARY", "CLOAD") else None
-        for node in parts.nodes(place).tolist() if place is not None else ():
-            before = given.setdefault((item.block.keyword, item.component, node), item)
-            if before.since < item.since:
-                yield item.block.left(f"nodes of it have values in {before.block.source} too: both act here")
-                break
+    # nodes by numbers with one value have one place
+    items = {(item.block.keyword, item.component, item.place): item for item in state}
+    first: dict[tuple[str, int], np.ndarray] = {}
+    for (keyword, component, name), item in sorted(items.items(), key=lambda one: one[1].since):
+        place = parts.place(name) if keyword in ("BOUNDARY", "CLOAD") else None
+        if place is not None:
+            nodes = parts.nodes(place)
+            since = first.setdefault((keyword, component), np.full(len(parts.raw.points), np.inf))
+            if since[nodes].min() < item.since:
+                yield item.block.left("nodes of it have values of an earlier step too: both act here")
+            since[nodes] = np.minimum(since[nodes], item.since)
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
