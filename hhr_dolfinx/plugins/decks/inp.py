@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
@@ -65,7 +65,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         thickness = 1.0
     reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
     final = imposed_of(found)
-    reader = replace(reader, left=(*left, *_overlapping(final, parts)))
+    reader = replace(reader, left=(*left, *_overlapping(final, parts), *_creeping(found, sections)))
     deck = reader.deck(final)
     remembers = any(item.material.law for item in sections) or any(pair.friction for pair in deck.pairs)
     return with_history(deck, found, reader.deck) if remembers else deck
@@ -128,7 +128,7 @@ class _Reader:
             tuple(name for _, name in self.cuts),
         )
         flows = any(item.material.law for item in self.sections)
-        return with_springs(deck, parts) if touching and constraints and flows else deck
+        return with_springs(deck, parts) if touching and flows else deck
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
@@ -141,6 +141,13 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
             if before.since < item.since:
                 yield item.block.left(f"nodes of it have values in {before.block.source} too: both act here")
                 break
+
+
+def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
+    """Steps without creep of a deck with creep."""
+    if any("Norton" in item.material.law or "Creep" in item.material.law for item in sections):
+        for block in of_kind(found, "STATIC"):
+            yield block.left("bodies creep in this step too: shorten its leg if they must not")
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
@@ -169,18 +176,19 @@ def _sections(
     free = np.ones(len(parts.raw.cells), dtype=bool)
     for block in of_kind(found, "SOLID SECTION"):
         name = block.option("MATERIAL")
-        tag = parts.body(block.option("ELSET"))
-        if tag is None:
+        tags = _bodies_of(found, block, parts)
+        if not tags:
             left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
             continue
         if name.upper() not in materials:
             raise SceneError(f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu")
-        if not free[parts.raw.bodies[tag]].all():
-            raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
-        free[parts.raw.bodies[tag]] = False
+        for tag in tags:
+            if not free[parts.raw.bodies[tag]].all():
+                raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
+            free[parts.raw.bodies[tag]] = False
+            sections.append(Section(tag, materials[name.upper()], block.source))
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
             thickness = block.number(block.rows[0][0])
-        sections.append(Section(tag, materials[name.upper()], block.source))
     if not sections:
         lost = [
             parts.raw.left_out[block.word("ELSET")]
@@ -192,6 +200,18 @@ def _sections(
     if free.any():
         left.append(Left(sections[-1].source, "*SOLID SECTION", f"{int(free.sum())} cells belong to no section"))
     return sections, thickness
+
+
+def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> list[Tag]:
+    """Body of the set of a section, or one for each instance of the part that the section is in."""
+    name = section.option("ELSET")
+    around = [block for block in of_kind(found, "PART", "END PART") if block.line < section.line]
+    inside = around[-1].word("NAME") if around else ""
+    instances = [block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside]
+    full = {f"{block.option('NAME')}.{name}".upper() for block in instances}
+    tags = [tag for tag in parts.raw.bodies if str(tag).upper() in full]
+    single = parts.body(name)
+    return [single] if single is not None and len(tags) < 2 else tags
 
 
 def _ignored(found: Sequence[Block]) -> Iterator[Left]:
