@@ -303,6 +303,9 @@ def test_check_knows_the_places_of_constraints(tmp_path):
 ROUND = {
     "ball": ("REVOLUTION, FILLET RADIUS=.1", "2., .5, 6., 2., .5, 7.\nSTART, 5., 0.\nCIRCL, 0., -5., 0., 0.\n",
              {"kind": "Sphere", "center": (2.0, 0.5, "6 - down"), "radius": 5.0}),
+    # arcs of 3 degrees, whose chords are within 1.7e-4 of this radius of 0.5
+    "pin": ("REVOLUTION", "2.02, .48, 1.5, 2.02, .48, 2.5\nSTART, .5, 3.\nLINE, .5, 0.\nCIRCL, 0., -.5, 0., 0.\n",
+            {"kind": "Sphere", "center": (2.02, 0.48, "1.5 - down"), "radius": 0.5}),
     "roller": ("CYLINDER", "2., .5, 6., 3., .5, 6.\n2., 1., 6.\nSTART, -5., 0.\nCIRCL, 0., -5., 0., 0.\n"
                "CIRCL, 5., 0., 0., 0.\n",
                {"kind": "Cylinder", "point": (2.0, 0.5, "6 - down"), "axis": (0, 1, 0), "radius": 5.0}),
@@ -315,7 +318,7 @@ ROUND = {
 @needs("obstacles")
 @pytest.mark.parametrize("name", ROUND)
 def test_analytical_rigid_surfaces_in_space(name, tmp_path):
-    """They press as spheres, cylinders and cones do; arcs and turns of facets are off by 1e-3 at most."""
+    """They press as spheres, cylinders and cones do; arcs and turns of facets are off by little."""
     kind, lines, exact = ROUND[name]
     tool = f"*NODE\n900, 2., .5, 9.\n*SURFACE, TYPE={kind}, NAME=TOOL\n{lines}"
     tool += "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900\n*SURFACE INTERACTION, NAME=I\n"
@@ -329,7 +332,8 @@ def test_analytical_rigid_surfaces_in_space(name, tmp_path):
     answer = solved(scene)[1]
     known = hhr.FullOrderModel(reference).solve([0.01])
     assert known.forces().sum() > 0.01
-    assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=2e-3)
+    near = 1.7e-2 if name == "pin" else 2e-3  # 1.7e-4 over the depth of 0.01
+    assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=near)
     assert answer.active.sum() == known.active.sum()
 
 
@@ -375,3 +379,24 @@ def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
         assert code == 0 and ("paired in another order" in output) == lost, output
         found = scene_of(str(tmp_path / "deck.py")).constraints
         assert len(found) == (0 if lost else 1)
+
+
+@needs("obstacles")
+def test_a_body_in_a_hole_beside_a_larger_one(tmp_path):
+    """The block is in the sphere, though most nodes of the deck are not; friction does not drag it, which is said."""
+    lines = block_lines("LOWER", 1, (-0.5, -0.5, -4.9), (0.5, 0.5, -4.0), (2, 2, 1))
+    lines += block_lines("PLATE", 2001, (20.0, 0.0, 0.0), (21.0, 1.0, 1.0), (5, 5, 5))
+    lines += ["*MATERIAL, NAME=M", "*ELASTIC", "1000., .3", "*SOLID SECTION, ELSET=LOWER, MATERIAL=M"]
+    lines += ["*SOLID SECTION, ELSET=PLATE, MATERIAL=M", "*NODE", "900, 0., 0., 0."]
+    lines += [
+        "*SURFACE, TYPE=REVOLUTION, NAME=TOOL",
+        "0., 0., 0., 0., 0., 1.",
+        "START, 0., -5.",
+        "CIRCL, 5., 0., 0., 0.",
+    ]
+    lines += ["*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900", "*SURFACE INTERACTION, NAME=I", "*FRICTION", ".2"]
+    lines += ["*CONTACT PAIR, INTERACTION=I", "LOWER_BOTTOM, TOOL", "*BOUNDARY", "LOWER_Z1, 1, 2", "PLATE_Z0, 1, 3"]
+    lines += ["LOWER_Z1, 3, 3, -.12", "*STEP", "*STATIC", "*BOUNDARY", "900, 1, 1, 0.01", "*END STEP"]
+    scene, output = started(tmp_path, "\n".join(lines) + "\n")
+    assert scene.contacts[0].inside
+    assert output.count("TODO") == 1 and "does not drag it by friction" in output
