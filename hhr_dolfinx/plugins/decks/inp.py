@@ -221,7 +221,8 @@ def _ignored(found: Sequence[Block]) -> Iterator[Left]:
         if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
         elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            yield block.left("FIXED keeps values of earlier steps and forces of bolts; SUBMODEL and USER are ignored")
+            why = "FIXED keeps values of earlier steps, of a bolt its force and not its length"
+            yield block.left(f"{why}; SUBMODEL and USER are ignored")
         elif keyword == "CONTACT PAIR" and "ADJUST" in block.options:
             yield block.left("ADJUST moves no nodes here: gaps and overlaps are those of the mesh, see hhr check")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
