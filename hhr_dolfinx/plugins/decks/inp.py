@@ -107,7 +107,8 @@ class _Reader:
             forces += more[1]
         constraints += ties_of(found, parts, left)
         materials = {item.tag: item.material for item in self.sections}
-        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left)
+        axis = 1 if self.hypothesis == "axisymmetric" else 2
+        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left, axis)
         loads += heated_of(found, own, nodes, materials, left)
         touching = pairs_of(found, parts, nodes, state, left)
         if not (touching or supports or constraints):
@@ -205,7 +206,8 @@ def _sections(
 def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> list[Tag]:
     """Body of the set of a section, or one for each instance of the part that the section is in."""
     name = section.option("ELSET")
-    around = [block for block in of_kind(found, "PART", "END PART") if block.line < section.line]
+    before = found[: next(k for k, block in enumerate(found) if block is section)]
+    around = of_kind(before, "PART", "END PART")
     inside = around[-1].word("NAME") if around else ""
     instances = [block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside]
     full = {f"{block.option('NAME')}.{name}".upper() for block in instances}

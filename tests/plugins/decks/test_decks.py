@@ -417,3 +417,17 @@ def test_a_body_with_a_law_on_another_one(tmp_path):
     assert output.count("TODO") == 1 and "soft springs are added" in output
     full, answer = solved(name)
     assert end(full, answer, (1.0, 1.0, 2.0))[2] == pytest.approx(-0.002, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "right", "wrong"), [("CPE4", "0., 0., 1.", "0., 1., 0."), ("CAX4", "0., 1., 0.", "0., 0., 1.")]
+)
+def test_axes_of_rotation_in_two_dimensions(kind, right, wrong, tmp_path):
+    """The normal of the plane, or the axis of symmetry; no force stands for another one."""
+    text = f"*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n"
+    text += STEEL.format(poisson=0.3, more="*DENSITY\n2.\n") + "*SOLID SECTION, ELSET=BODY, MATERIAL=STEEL\n"
+    text += "*BOUNDARY\n1, 1, 2\n4, 1, 2\n*STEP\n*STATIC\n*DLOAD\nBODY, CENTRIF, 3., 0., 0., 0., AXIS\n*END STEP\n"
+    scene, output = started(tmp_path, text.replace("AXIS", right), "right.inp")
+    assert "TODO" not in output and type(scene.loads[0]) is hhr.Centrifugal
+    scene, output = started(tmp_path, text.replace("AXIS", wrong), "wrong.inp")
+    assert "in two dimensions bodies rotate about the axis" in output and not scene.loads
