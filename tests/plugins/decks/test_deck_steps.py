@@ -179,3 +179,12 @@ def test_amplitudes_that_are_no_factors(kind, tmp_path):
     (tmp_path / "deck.inp").write_text(bar(step, PLASTIC))
     code, output = invoke("start", tmp_path / "deck.inp")
     assert code and f"*AMPLITUDE: {kind} has no counterpart" in output
+
+
+def test_steps_without_loads(tmp_path):
+    """If no load of them is read, moduli are parameters, as of one step."""
+    step = "*CLOAD\n77, 1, 2.\n" + STEP.format("1.") + "*CLOAD\n77, 1, 1."
+    name, output = started(tmp_path, bar(step, PLASTIC))
+    assert "'77' is no node of the mesh" in output
+    assert scene_of(name).parameters.names == ("young",)
+    assert beside(name, "PATHS").name == "loading"
