@@ -65,7 +65,7 @@ def pairs_of(
 
 
 def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
-    """What is lost of the motion of a rigid surface with friction along itself."""
+    """The motion of a rigid surface with friction along itself, which is lost."""
     why = "a rigid surface that moves along the body does not drag it by friction: move the body instead"
     return [block.left(why)] if friction and motion.any() else []
 
