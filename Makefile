@@ -96,7 +96,7 @@ laws: setup
 paths: setup
 	.venv/bin/python benchmarks/unseen_paths.py --report report.json
 
-# small decks of strangers: hhr start, check and solve as they are, beside CalculiX and closed forms; eight minutes
+# small decks and files of strangers, beside CalculiX and closed forms; nine minutes
 decks: setup
 	.venv/bin/python benchmarks/decks.py
 

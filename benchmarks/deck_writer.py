@@ -107,8 +107,12 @@ class Writer:
         upper: Sequence[float],
         bend: Bend | None = None,
         comma: str = "",
+        shared: bool = True,
     ) -> Box:
-        """Cells of a kind, counts along each axis, in the set of elements ``elset``; commas end lines of elements."""
+        """Cells of a kind, counts along each axis, in the set of elements ``elset``.
+
+        Commas end lines of elements. Nodes in the middle of edges are shared by cells, or each cell has its own.
+        """
         shape, second = shape_of(kind)
         dim = len(counts)
         axes = [np.linspace(a, b, n + 1) for a, b, n in zip(lower, upper, counts, strict=True)]
@@ -122,7 +126,10 @@ class Writer:
         cells = np.stack([whole[:, part] for part in parts], axis=1).reshape(-1, len(parts[0]))
         if second:
             ends = np.array([[int(digit) for digit in edge] for edge in _EDGES[shape].split()])
-            edges, back = np.unique(np.sort(cells[:, ends], axis=2).reshape(-1, 2), axis=0, return_inverse=True)
+            edges = np.sort(cells[:, ends], axis=2).reshape(-1, 2)
+            back = np.arange(len(edges))
+            if shared:
+                edges, back = np.unique(edges, axis=0, return_inverse=True)
             cells = np.hstack([cells, len(grid) + back.reshape(len(cells), -1)])
             grid = np.vstack([grid, grid[edges].mean(axis=1)])
         points = np.hstack([grid, np.zeros((len(grid), 3 - dim))])

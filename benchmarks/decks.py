@@ -1,10 +1,11 @@
-"""Decks of strangers: `hhr start`, `hhr check`, `hhr solve` as they are, and how far the first number is right.
+"""Decks of strangers: `hhr start`, `check`, `solve` or `march` as they are, and how far the first number is right.
 
     python benchmarks/decks.py [--quick] [--only WORDS] [--again] [--out DIR]
 
 Small decks of the makes of CalculiX' own tests and examples, with closed forms or figures of CalculiX 2.20 beside them.
 An outcome is "right" within 1 % (or within what the entry allows), "refused: SENTENCE" where a keyword has no
-counterpart, "by hand: SENTENCE" where `hhr start` names a keyword that it leaves to its user, or "off by x %".
+counterpart, "by hand: SENTENCE" where `hhr start` names a keyword that it leaves to its user, "warned: SENTENCE" of a
+case whose number is off and says so, or "off by x %".
 Minutes are those of the machine for the three commands, each a process; reading and typing are not in them.
 """
 
@@ -14,37 +15,36 @@ import os
 import re
 import statistics
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import _demos  # noqa: F401
 import deck_cases
+import deck_examples
+import deck_faults
+import deck_fits
 import meshio
 import numpy as np
-from deck_entries import ENTRIES, Answer, Entry
+from deck_commands import command
+from deck_entries import ENTRIES, Answer, Case, Entry
 from parts import cli
 from rich.table import Table
 
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies import report
+from hhr_dolfinx.warn import collected
 
 QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
-COMMAND = "import sys; sys.argv[0] = 'hhr'; from hhr_dolfinx.command.start import main; main()"
-
-
-def hhr(folder: Path, *words: str | Path) -> tuple[bool, str]:
-    """Run a command in a folder as a user does: whether it ended well, and what it said."""
-    line = [sys.executable, "-c", COMMAND, *map(str, words)]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=folder)
-    foreign = "Traceback" in done.stderr
-    return done.returncode == 0, ("FOREIGN " if foreign else "") + done.stdout + done.stderr
 
 
 def rows_of(said: str) -> dict[str, float]:
-    """Rows ``name: number`` of what a command printed."""
+    """Rows ``name: number`` of what a command printed, or the last row of a table of steps."""
     found = re.findall(r"^([^:\n]+(?:: [^:\n]*)?): (-?[0-9.]+(?:e[+-]?[0-9]+)?)$", said, re.MULTILINE)
+    table = [re.split(r"\s{2,}", line.strip()) for line in said.splitlines() if line.startswith("  ")]
+    heads = next((k for k, row in enumerate(table) if row[0].startswith("time")), None)
+    if heads is not None:
+        found = list(zip(table[heads], table[-1], strict=True))
     return {name: float(value) for name, value in found}
 
 
@@ -86,6 +86,9 @@ def judged(entry: Any, ours: float | None, said: str) -> str:
     left = [line for line in lines if line.startswith("TODO") and "NLGEOM" not in line and "OVERCLOSURE" not in line]
     if expected:
         found = next((line for line in (*left, sentence) if expected in line), "")
+        warned = next((line for line in lines if line.startswith("warning") and expected in line), "")
+        if warned and not found:
+            return f"warned: {warned}"
         return f"refused: {found}" if found else f"silent: nothing says {expected}"
     if ours is None:
         return f"by hand: {left[0]}" if left else f"refused: {sentence}"
@@ -101,12 +104,14 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     deck.write_text(entry.write())
     scene, fields = deck.with_suffix(".py"), deck.with_suffix(".vtu")
     begin = time.perf_counter()
-    well, said = hhr(folder, "start", deck.name, "--force")
+    well, said = command(folder, "start", deck.name, "--force")
     ours = None
     if well:
-        said += hhr(folder, "check", scene.name)[1]
-        well, solved = hhr(folder, "solve", scene.name, "--out", fields.name)
+        said += command(folder, "check", scene.name)[1]
+        steps = "\nPATHS = " in scene.read_text()  # answers depend on the path
+        well, solved = command(folder, "march" if steps else "solve", scene.name, "--out", fields.name)
         said += solved
+        fields = sorted(folder.glob(f"{fields.stem}_[0-9]*.vtu"))[-1] if well and steps else fields
     minutes = (time.perf_counter() - begin) / 60
     if well and not isinstance(entry.reference, str):
         ours = entry.read(Answer(scene, rows_of(solved), *displacements(fields)))
@@ -115,18 +120,31 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     return found | ({"calculix": again(deck, entry)} if with_calculix else {})
 
 
-def run_case(case: deck_cases.Case, folder: Path) -> dict[str, Any]:
+def run_case(case: Case, folder: Path) -> dict[str, Any]:
     """The row of a scene in Python."""
     begin, ours, said = time.perf_counter(), None, ""
-    try:
-        ours = case.run(folder)
-    except HHRError as error:
-        said = f"error: {error}".replace("\n", " ")
-    except Exception as error:  # what else comes is the finding
-        said = f"FOREIGN {type(error).__name__}: {error}"
+    with collected(Warning) as warned:
+        try:
+            ours = case.run(folder)
+        except HHRError as error:
+            said = f"error: {error}".replace("\n", " ")
+        except Exception as error:  # what else comes is the finding
+            said = f"FOREIGN {type(error).__name__}: {error}"
+    said = "\n".join([said, *(f"warning: {item.message}".replace("\n", " ") for item in warned)])
     minutes = (time.perf_counter() - begin) / 60
     found = {"source": case.source, "kind": case.kind, "minutes": minutes, "outcome": judged(case, ours, said)}
     return found | {"quantity": case.quantity, "reference": case.reference, "by": case.by, "ours": ours}
+
+
+def counted(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
+    """Numbers of outcomes of decks, press fits and cases of faults."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        sort = "decks" if "started" in row else "press fits" if row["source"].startswith("press") else "cases"
+        outcome = re.split(r": | by ", row["outcome"])[0]
+        own = found.setdefault(sort, {})
+        own[outcome] = own.get(outcome, 0) + 1
+    return found
 
 
 def main() -> None:
@@ -137,11 +155,10 @@ def main() -> None:
     options = cli.parse_on_first_rank(parser)
     words = [word.strip() for word in options.only.split(",") if word.strip()]
     options.out.mkdir(parents=True, exist_ok=True)
-    folder = options.out / "decks"
-    folder = folder.resolve()
+    folder = (options.out / "decks").resolve()
     folder.mkdir(exist_ok=True)
     rows = []
-    for entry in (*ENTRIES, *deck_cases.CASES):
+    for entry in (*ENTRIES, *deck_examples.ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
         if (options.quick and entry.source not in QUICK) or (words and not any(one in entry.source for one in words)):
             continue
         deck = isinstance(entry, Entry)
@@ -159,6 +176,7 @@ def main() -> None:
     first = [row["minutes"] for row in rows if row.get("started") and row["outcome"] == "right"]
     found = {"decks": rows, "started_and_solved": len(first), "median_minutes": statistics.median(first or [0.0])}
     found["foreign"] = sum(row["outcome"].startswith(("foreign", "silent")) for row in rows)
+    found["outcomes"] = counted(rows)
     options.console.print({name: value for name, value in found.items() if name != "decks"})
     report.write_report({"scene": "decks", **found, **report.environment()}, options.out)
 

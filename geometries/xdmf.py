@@ -45,7 +45,7 @@ def read_xdmf(path: Path) -> RawMesh:
         raise FileContentError(f"mesh file {path} is no XDMF ({error})") from error
     reader = _Numbers(path, root)
     points: list[np.ndarray] = []
-    starts: dict[Grid, int] = {}
+    starts: dict[str, int] = {}
     elements: list[Elements] = []
     values: list[str] = []
     for grid in _grids(root):
@@ -54,10 +54,11 @@ def read_xdmf(path: Path) -> RawMesh:
         geometry = _geometry(root, grid)
         if topology is None or geometry is None:
             continue
-        if geometry not in starts:
-            starts[geometry] = sum(map(len, points))
+        same = " ".join(ElementTree.tostring(geometry, "unicode").split())  # grids may repeat their points
+        if same not in starts:
+            starts[same] = sum(map(len, points))
             points.append(reader.points(geometry))
-        elements += _elements(reader, grid, topology, starts[geometry], path)
+        elements += _elements(reader, grid, topology, starts[same], path)
     if not elements:
         raise FileContentError(f"mesh file {path} has no grid of triangles, quadrilaterals, tetrahedra or hexahedra")
     width = max(part.shape[1] for part in points)

@@ -34,11 +34,13 @@ from .plugins.constraints.couplings import CoupledForce as CoupledForce
 from .plugins.constraints.couplings import MeanMotion as MeanMotion
 from .plugins.constraints.couplings import RigidMotion as RigidMotion
 from .plugins.constraints.cut import CutMesh as CutMesh
+from .plugins.constraints.directed import DirectedDisplacement as DirectedDisplacement
 from .plugins.constraints.equations import Equation as Equation
 from .plugins.constraints.equations import Periodic as Periodic
 from .plugins.constraints.preload import BoltForce as BoltForce
 from .plugins.constraints.preload import ForcedSection as ForcedSection
 from .plugins.constraints.preload import Preload as Preload
+from .plugins.constraints.serendipity import Serendipity as Serendipity
 from .plugins.constraints.tie import Tie as Tie
 from .plugins.decks.nodal_forces import NodalForces as NodalForces
 from .plugins.decks.temperatures import DeckTemperatures as DeckTemperatures

@@ -56,6 +56,7 @@ class Assembler:
     # ``whole=True`` all of the facets that it holds
     nodes: Callable[..., np.ndarray]
     points: Callable[[], np.ndarray]  # coordinates of all nodes, (nodes, dim)
+    cells: Callable[[], np.ndarray]  # numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
     # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
     # of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]

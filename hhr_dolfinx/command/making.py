@@ -90,7 +90,7 @@ def train(
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
         for item in training.log.skipped:
-            if item["stage"] in ("snapshots", "problems side by side"):  # reused snapshots, shares of ranks
+            if item["stage"] in ("snapshots", "problems side by side"):  # reused snapshots, shares of processes
                 console.print(item["why"], highlight=False)
         model = getattr(training, KINDS[kind])()
     target = folder / f"{kind}.npz"

@@ -49,12 +49,14 @@ class Equations:
         values: right-hand sides for the amplitude 1, (k,).
         loose: True if each equation may determine another one of its dofs, and those that other equations imply are
             left out; else an equation is refused for this.
+        middle: True if contact conditions at the dependent nodes are parts of those at the nodes that these follow.
     """
 
     rows: csr_matrix
     dependent: np.ndarray
     values: np.ndarray
     loose: bool = False
+    middle: bool = False
 
     def take(self, kept: np.ndarray) -> Equations:
         """Some of the equations, by a mask, (k,)."""
@@ -111,7 +113,8 @@ def followers_of(
             column = factors.solve(given_there), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
     whole = csr_matrix(follows + diags((~own).astype(float)))
-    return Followers(own, whole, _groups(cell_nodes, follows, own)), terms
+    middle = np.concatenate([part.dependent for _, part in found if part.middle] or [np.zeros(0, dtype=int)])
+    return Followers(own, whole, _groups(cell_nodes, follows, own), middle), terms
 
 
 def without_repeated(
@@ -121,6 +124,7 @@ def without_repeated(
 
     Such are those at both edges of a periodic surface: one bears the force of all, at their mean by areas.
     """
+    rows, pairs, gaps = _without_middles(rows, pairs, gaps, follow)
     acting = csr_matrix(follow.acting(rows.matrix) @ diags(free.astype(float)))
     squares = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
     touched = np.flatnonzero(abs(rows.matrix) @ follow.own.astype(float) > 0)
@@ -140,6 +144,34 @@ def without_repeated(
     mean = csr_matrix((rows.areas / areas[label], (label, np.arange(m))), shape=(count, m))
     kept = replace(rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
     return kept, pairs[first], mean @ gaps
+
+
+def _without_middles(
+    rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray, follow: Followers
+) -> tuple[ContactRows, np.ndarray, np.ndarray]:
+    """Conditions without those at nodes in the middle of faces, which the others of a facet would imply.
+
+    Nodes of edges take them over by areas: functions psi of a pair then still have the sum 1.
+    """
+    dim = rows.points.shape[1]
+    middle = np.flatnonzero(np.isin(dim * rows.slaves, follow.middle))
+    if follow.map is None or not middle.size:
+        return rows, pairs, gaps
+    entries = follow.map[dim * rows.slaves[middle]].tocoo()
+    count = pairs.size
+    keys = pairs * (follow.own.size + 1) + dim * rows.slaves
+    wanted = pairs[middle[entries.row]] * (follow.own.size + 1) + entries.col
+    order = np.argsort(keys)
+    place = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
+    there = (keys[place] == wanted) & (entries.data > 0)
+    shares = csr_matrix((entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count))
+    given = np.asarray(shares.sum(axis=0)).ravel()
+    kept = np.flatnonzero(given == 0)
+    whole = csr_matrix(shares @ diags(1 / np.where(given > 0, given, 1.0)) + diags((given == 0).astype(float)))[kept]
+    areas = whole @ rows.areas
+    mean = diags(1 / areas) @ whole @ diags(rows.areas)
+    others = replace(rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
+    return others, pairs[kept], mean @ gaps
 
 
 def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:

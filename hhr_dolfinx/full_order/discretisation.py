@@ -318,6 +318,7 @@ class Discretisation(DiscreteSpace):
             surface=self.surface,
             nodes=partial(self.nodes, whole=False),
             points=self._points,
+            cells=self._cell_nodes,
             eigenstress=partial(self._eigenstress, load),
         )
 

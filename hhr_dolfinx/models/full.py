@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 
 _log = logging.getLogger(__name__)
+Checked = TypeVar("Checked", bound=AnsweringModel)
 
 KEPT_BYTES = 1e9
 """Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
@@ -70,8 +71,9 @@ class Guard:
     def check(self, full: FullModel, *sets: Any) -> None:
         """Check sets of answers, :class:`~hhr_dolfinx.snapshots.records.SnapshotSet` or None."""
 
-    def corners(self, full: FullModel, model: AnsweringModel) -> None:
-        """Check a model in corners of its parameter range."""
+    def corners(self, full: FullModel, model: Checked) -> Checked:
+        """Check a model in corners of its parameter range; the model, with a limit if it is off there."""
+        return model
 
 
 class FullModel(AnsweringModel, ElasticFields):

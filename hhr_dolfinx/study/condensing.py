@@ -37,9 +37,8 @@ def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: 
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
-    if not full.law.remembers:  # with memory a point takes dozens of increments, and the full model warns
-        full.strains.corners(full, model)
-    return model
+    # with memory a point takes dozens of increments, and the full model warns
+    return model if full.law.remembers else full.strains.corners(full, model)
 
 
 def condensed(full: FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:

@@ -338,6 +338,15 @@ def points_apart(folder):
     return path
 
 
+def points_repeated(folder):
+    """Each grid has a pointer to the same points."""
+    path = by_dolfinx(folder)
+    text = path.read_text()
+    geometry = re.search(r"<Geometry.*?</Geometry>", text, re.DOTALL)[0]
+    path.write_text(re.sub(r"<xi:include [^>]*/>", geometry, text))
+    return path
+
+
 def compressed(folder):
     path = by_dolfinx(folder)
     text = path.read_text()
@@ -375,6 +384,7 @@ def mixed_in_xml(folder):
 XDMF = {
     "usual": by_dolfinx,
     "points in a grid of their own": points_apart,
+    "points repeated in each grid": points_repeated,
     "numbers in the file": lambda folder: by_dolfinx(folder, ascii_=True),
     "tags in two grids": lambda folder: by_dolfinx(folder, split=True),
     "compressed": compressed,

@@ -6,7 +6,9 @@ _PLACES = {
     "hhr_dolfinx.plugins.constraints.equations": "Equation Periodic",
     "hhr_dolfinx.plugins.constraints.couplings": "CoupledForce MeanMotion RigidMotion",
     "hhr_dolfinx.plugins.constraints.cut": "CutMesh",
+    "hhr_dolfinx.plugins.constraints.directed": "DirectedDisplacement",
     "hhr_dolfinx.plugins.constraints.preload": "BoltForce ForcedSection Preload",
+    "hhr_dolfinx.plugins.constraints.serendipity": "Serendipity",
     "hhr_dolfinx.plugins.constraints.tie": "Tie",
 }
 

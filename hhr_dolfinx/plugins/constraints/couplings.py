@@ -108,6 +108,7 @@ class _Coupled:
     amplitude: Amplitude | Formula = Amplitude()
     point: tuple[float, ...] | None = None
     components: tuple[int, ...] | None = None
+    by_area: bool = True
 
     def __post_init__(self) -> None:
         what = f"the {type(self).__name__} of {self.place!r}"
@@ -123,7 +124,7 @@ class _Coupled:
 
     def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
         """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
-        nodes, points = nodes_at(assembler, self.place, self)
+        nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area)
         dim = points.shape[1]
         turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
         if self.component >= dim + len(turns) or (self.point is not None and len(self.point) != dim):
@@ -138,9 +139,9 @@ class _Coupled:
         return (dim * nodes[:, None] + np.arange(dim)).ravel(), found.ravel()
 
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
-        """Weights of nodes with the sum 1, (n,): areas of a surface, and equal ones in a set."""
+        """Weights of nodes with the sum 1, (n,)."""
         weights = np.ones(nodes.size)
-        if isinstance(self.place, int | str):
+        if self.by_area and isinstance(self.place, int | str):
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
                 weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
@@ -160,11 +161,12 @@ class MeanMotion(_Coupled):
     nodes. On nodes that a :class:`RigidMotion` moves too, it is exact.
 
     Attributes:
-        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
+        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
         component: 0 to 2 of the displacement, 3 to 5 of the rotation in rad; in the plane 2 is the rotation.
         amplitude: the motion: a number, an Amplitude, or a formula of the parameters as text.
         point: the reference point, (dim,); None for the centre of the nodes, whose displacement is their mean.
         components: those of the nodes that are coupled; None for all of them.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; else equally.
     """
 
     def equations(self, assembler: Assembler) -> Equations:
@@ -184,11 +186,12 @@ class CoupledForce(_Coupled):
     :class:`MeanMotion`; in axisymmetry they are those of all of the ring.
 
     Attributes:
-        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`; on a surface nodes count by their areas.
+        place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
         component: 0 to 2 of the force, 3 to 5 of the moment; in the plane 2 is the moment.
         amplitude: force or moment: a number, an Amplitude, or a formula of the parameters as text.
         point: the reference point, (dim,); None for the centre of the nodes.
         components: those of the nodes that are coupled; None for all of them.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; else equally.
     """
 
     def terms(self, assembler: Assembler) -> list[Term]:

@@ -36,9 +36,15 @@ def equations_of(
     return Equations(matrix, dependent, np.zeros(dependent.size) if values is None else values, loose)
 
 
-def nodes_at(assembler: Assembler, place: Tag | Place, what: object) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of nodes and their coordinates, (n, dim); SceneError if there are none."""
-    nodes = assembler.nodes(place, whole=True)
+def nodes_at(
+    assembler: Assembler, place: Tag | Place, what: object, whole: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of nodes and their coordinates, (n, dim), of a set with all of its facets if ``whole``.
+
+    Raises:
+        SceneError: if there are none.
+    """
+    nodes = assembler.nodes(place, whole=whole)
     if not nodes.size:
         raise SceneError(f"{what!r} has no node: name a set or a surface of the mesh")
     return nodes, assembler.points()[nodes]

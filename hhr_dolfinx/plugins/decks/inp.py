@@ -23,7 +23,8 @@ from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
-from hhr_dolfinx.plugins.decks.inp_ties import preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
+from hhr_dolfinx.plugins.decks.inp_transforms import directed_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
@@ -31,7 +32,8 @@ from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 _READ = OF_MATERIALS | frozenset(
     "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
     "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY|EQUATION|MPC|"
-    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION".split("|")
+    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION|"
+    "TRANSFORM".split("|")
 )
 _WITHOUT_EFFECT = frozenset(
     "NODE|ELEMENT|NSET|ELSET|NGEN|NFILL|ELGEN|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|"
@@ -42,7 +44,6 @@ _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
 _NO = "no counterpart: "
 _REASONS = {
-    "TRANSFORM": _NO + "supports and forces at these nodes act along the axes of the mesh",
     "CONTACT": _NO + "name each pair of surfaces that may touch",
     **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
 }
@@ -58,9 +59,9 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
     """
     left = list(_ignored(found))
     whole = parts
-    cuts, parts = sections_of(found, parts, left)
+    cuts, parts = sections_of(found, parts, nodes, left)
     hypothesis = _hypothesis(found, parts, left)
-    sections, thickness = _sections(found, materials_of(found, left), parts, left)
+    sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
     reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
@@ -83,7 +84,7 @@ class _Reader:
     hypothesis: str
     sections: tuple[Section, ...]
     thickness: float  # of a plane body, a length
-    cuts: Sequence[tuple[Block, str]]
+    cuts: Sequence[BoltSection]
     left: tuple[Left, ...]
 
     def deck(self, state: Sequence[Imposed]) -> Deck:
@@ -98,9 +99,10 @@ class _Reader:
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
-            lambda given: preloads_of(self.cuts, given, nodes, left),
+            lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
             lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, self.thickness, left),
             lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
+            lambda given: directed_of(found, given, parts, nodes, self.thickness, left),
         ):
             own, *more = made(own)
             constraints += more[0]
@@ -126,22 +128,34 @@ class _Reader:
             in_order(left),
             sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
-            tuple(name for _, name in self.cuts),
+            tuple(one.name for one in self.cuts),
         )
         flows = any(item.material.law for item in self.sections)
-        return with_springs(deck, parts) if touching and flows else deck
+        return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)
+
+
+def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
+    """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
+    kinds = {nodes.deck.types[number].strip() for number in nodes.solids}
+    if not kinds or not kinds <= {"C3D20", "CPE8"}:
+        return deck
+    made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
+    return replace(deck, constraints=(*deck.constraints, made))
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
     """Supports and forces of which a later step gives some nodes anew: their sets are not split."""
-    given: dict[tuple[str, int, int], Imposed] = {}
-    for item in sorted(state, key=lambda item: item.since):
-        place = parts.place(item.place) if item.block.keyword in ("BOUNDARY", "CLOAD") else None
-        for node in parts.nodes(place).tolist() if place is not None else ():
-            before = given.setdefault((item.block.keyword, item.component, node), item)
-            if before.since < item.since:
-                yield item.block.left(f"nodes of it have values in {before.block.source} too: both act here")
-                break
+    # nodes by numbers with one value have one place
+    items = {(item.block.keyword, item.component, item.place): item for item in state}
+    first: dict[tuple[str, int], np.ndarray] = {}
+    for (keyword, component, name), item in sorted(items.items(), key=lambda one: one[1].since):
+        place = parts.place(name) if keyword in ("BOUNDARY", "CLOAD") else None
+        if place is not None:
+            nodes = parts.nodes(place)
+            since = first.setdefault((keyword, component), np.full(len(parts.raw.points), np.inf))
+            if since[nodes].min() < item.since:
+                yield item.block.left("nodes of it have values of an earlier step too: both act here")
+            since[nodes] = np.minimum(since[nodes], item.since)
 
 
 def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
@@ -152,8 +166,11 @@ def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[L
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
-    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface."""
-    pairs = whole.out_of_reach(supports)
+    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface.
+
+    A set of nodes may hold no whole facet of the mesh that is cut.
+    """
+    pairs = whole.out_of_reach(supports, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
@@ -169,10 +186,10 @@ def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> 
 
 
 def _sections(
-    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, left: list[Left]
+    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, hypothesis: str, left: list[Left]
 ) -> tuple[list[Section], float]:
     """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
-    sections = []
+    sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
     for block in of_kind(found, "SOLID SECTION"):
@@ -189,7 +206,14 @@ def _sections(
             free[parts.raw.bodies[tag]] = False
             sections.append(Section(tag, materials[name.upper()], block.source))
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
-            thickness = block.number(block.rows[0][0])
+            before, thickness = thickness, block.number(block.rows[0][0])
+            if len(sections) > len(tags) and hypothesis != "axisymmetric" and thickness != before:
+                left.append(
+                    block.left(
+                        f"'{tags[0]}' is {thickness:g} thick, and bodies before it {before:g}; a scene has one "
+                        f"thickness: multiply moduli of these, and pressures on them, by {before / thickness:g}"
+                    )
+                )
     if not sections:
         lost = [
             parts.raw.left_out[block.word("ELSET")]

@@ -27,11 +27,13 @@ class Coupling:
     components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
     point: tuple[float, ...] | None  # coordinates of the reference node, None for the centre of the nodes
     ways: Mapping[tuple[int, int], int]  # component of the motion by the node and its degree of freedom, 0 to 5
+    alike: bool = False  # nodes count equally, also those of whole facets
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
         """A motion or a force as text of Python."""
         more = "" if self.point is None else f", point={self.point!r}"
         more += "" if self.components is None else f", components={self.components!r}"
+        more += ", by_area=False" if self.alike else ""
         return f"hhr.{kind}({self.place!r}, {component}, {amplitude}{more})"
 
     def shows(self, parts: NamedParts, component: int, hypothesis: str) -> bool:
@@ -82,8 +84,6 @@ def _coupling(
     found: Sequence[Block], block: Block, after: Block | None, parts: NamedParts, nodes: DeckNodes
 ) -> Coupling | str:
     """Coupling of a block, or the reason why it has no counterpart."""
-    if "ORIENTATION" in block.options:
-        return "no counterpart: local axes (ORIENTATION)"
     dim = parts.raw.dim
     rigid = block.keyword == "RIGID BODY"
     words = [block.word("REF NODE"), block.word("ROT NODE")]
@@ -95,6 +95,8 @@ def _coupling(
             return "needs *KINEMATIC or *DISTRIBUTING after it, without cyclic symmetry"
         rigid = kind == "KINEMATIC"
         components = _components(after, dim) if rigid else None
+        if "ORIENTATION" in block.options and components is not None:  # all components need no axes
+            return "no counterpart: local axes (ORIENTATION)"
         place = parts.surface(block.word("SURFACE"))
         place = parts.place(block.word("SURFACE")) if place is None else place
     elif "NSET" in block.options:
@@ -138,9 +140,9 @@ def _with_ways(
         axis = int(np.abs(place_of).argmax())
         if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
             return "no counterpart: its pilot node is on no axis of the mesh"
-        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis})
+        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, alike=True)
     if block.keyword == "DISTRIBUTING COUPLING":  # in CalculiX the mean of its nodes, without rotations
-        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)})
+        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)}, alike=True)
     point = tuple(place_of[:dim].tolist())
     if pilot in nodes.of_cells and rigid and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0:
         return "its reference node is one of cells outside of its nodes"

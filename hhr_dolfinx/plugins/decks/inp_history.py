@@ -64,9 +64,10 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
         return _without(deck, steps[-1], "values of one block change their proportions between steps")
     columns = zip(*rows, strict=True)
     courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
+    if not courses:
+        return deck
     left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(found, states)))
-    # nothing that is read acts at any time
-    return replace(largest, history=History((0.0, *times), courses) if courses else None, left=left)
+    return replace(largest, history=History((0.0, *times), courses), left=left)
 
 
 def in_order(left: Iterable[Left]) -> tuple[Left, ...]:

@@ -37,13 +37,14 @@ def heated_of(
     most = max(rise.values(), key=abs, default=0.0)
     loads = []
     for tag, material in bodies.items():
-        own = np.array([rise.get(number, 0.0) for number in corners_of(nodes, tag)])
+        corners = cells_of(nodes, tag)
+        own = np.array([[rise.get(number, 0.0) for number in one] for one in corners])
         if not material.expansion or not own.any():
             continue
         text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
         if np.ptp(own) <= ALIKE * np.abs(own).max():
-            loads.append(Load("temperature", f"{text})", float(own[0]), given[0].source))
-        elif not np.allclose(own / most, _fractions(found, nodes, tag), atol=ALIKE):
+            loads.append(Load("temperature", f"{text})", float(own[0, 0]), given[0].source))
+        elif not np.allclose(own / most, _fractions(found, nodes, corners), atol=ALIKE):
             left.append(given[0].left(f"the distribution of the temperature of body '{tag}' changes with the steps"))
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
@@ -52,24 +53,26 @@ def heated_of(
 
 
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the cells of a body of a deck, (n, 3), and their temperatures over the largest of all, (n,)."""
+    """Corners of the cells of a body of a deck, (c, k, 3), and their temperatures over the largest of all, (c, k)."""
     nodes = DeckNodes(flat_deck(path))
     found = [Block(path.name, *block) for block in blocks(path)]
-    return np.array([nodes.point(number) for number in corners_of(nodes, tag)]), _fractions(found, nodes, tag)
+    corners = cells_of(nodes, tag)
+    points = np.array([[nodes.point(number) for number in one] for one in corners])
+    return points, _fractions(found, nodes, corners)
 
 
-def _fractions(found: Sequence[Block], nodes: DeckNodes, tag: Tag) -> np.ndarray:
+def _fractions(found: Sequence[Block], nodes: DeckNodes, corners: list[list[int]]) -> np.ndarray:
     rise = rise_of(found, imposed_of(found), nodes)
     most = max(rise.values(), key=abs, default=0.0)
-    return np.array([rise.get(number, 0.0) for number in corners_of(nodes, tag)]) / (most or 1.0)
+    return np.array([[rise.get(number, 0.0) for number in one] for one in corners]) / (most or 1.0)
 
 
-def corners_of(nodes: DeckNodes, tag: Tag) -> list[int]:
-    """Numbers of the corners of the cells of a body, in their order."""
+def cells_of(nodes: DeckNodes, tag: Tag) -> list[list[int]]:
+    """Numbers of the corners of the cells of a body."""
     deck = nodes.deck
     elements = deck.element_sets.get(str(tag).upper(), deck.elements if tag == "all" else ())
     kinds = {number: deck.elements[number][0] for number in elements if number in deck.elements}
-    return sorted({node for one, kind in kinds.items() if kind in CORNERS for node in deck.whole[one][: CORNERS[kind]]})
+    return [deck.whole[one][: CORNERS[kind]] for one, kind in kinds.items() if kind in CORNERS]
 
 
 def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,6 +18,14 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 
 ROUNDED = 1e-4
 """Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
+
+
+class BoltSection(NamedTuple):
+    """Section of a preloaded bolt: its block, the surface, and the sign of loads that draw its sides together."""
+
+    block: Block
+    name: str
+    sign: float
 
 
 def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list[Load]:
@@ -70,30 +79,50 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
 
 
 def sections_of(
-    found: Sequence[Block], parts: NamedParts, left: list[Left]
-) -> tuple[list[tuple[Block, str]], NamedParts]:
-    """Sections of preloaded bolts by their blocks, and the mesh that is cut there."""
-    sections: list[tuple[Block, str]] = []
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, left: list[Left]
+) -> tuple[list[BoltSection], NamedParts]:
+    """Sections of preloaded bolts, and the mesh that is cut there."""
+    sections: list[BoltSection] = []
     for block in of_kind(found, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
         if not isinstance(name, str):
             left.append(block.left("no counterpart: its SURFACE= is no surface with facets of the mesh"))
             continue
+        sign = _sign(block, parts.raw.points[parts.surfaces[name]].mean(axis=(0, 1)), nodes)
         try:
             parts = NamedParts(cut(parts.raw, name))
         except FileContentError as error:
             left.append(block.left(f"the mesh cannot be cut there: {error}"))
             continue
-        sections.append((block, name))
+        sections.append(BoltSection(block, name, sign))
     return sections, parts
 
 
+def _sign(block: Block, middle: np.ndarray, nodes: DeckNodes) -> float:
+    """Sign of the loads of a section around a point, (dim,): its normal may point into the elements of its surface.
+
+    CalculiX then draws the sides apart by positive loads.
+    """
+    deck = nodes.deck
+    words = [word for word, _ in deck.faces.get(block.word("SURFACE"), ())]
+    owners = [int(word) if word.isdigit() else deck.element_sets.get(word.upper(), [0])[0] for word in words[:1]]
+    if not block.rows or not owners or owners[0] not in deck.elements:
+        return 1.0
+    inside = np.mean([deck.nodes[node] for node in deck.elements[owners[0]][1]], axis=0)
+    normal = np.array([*block.numbers(block.rows[0]), 0.0, 0.0, 0.0][: middle.size])
+    return -1.0 if (middle - inside[: middle.size]) @ normal < 0 else 1.0
+
+
 def preloads_of(
-    sections: Sequence[tuple[Block, str]], state: Sequence[Imposed], nodes: DeckNodes, left: list[Left]
+    sections: Sequence[BoltSection],
+    state: Sequence[Imposed],
+    nodes: DeckNodes,
+    thickness: float,
+    left: list[Left],
 ) -> tuple[list[Imposed], list[Load], list[Load]]:
-    """Supports and loads on other nodes, constraints of sections, and forces in bolts."""
-    pilots = {nodes.single(block.word("NODE")): name for block, name in sections}
-    by_name: dict[str, list[Imposed]] = {name: [] for _, name in sections}
+    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per thickness in the plane."""
+    pilots = {nodes.single(one.block.word("NODE")): one.name for one in sections}
+    by_name: dict[str, list[Imposed]] = {one.name: [] for one in sections}
     kept = []
     for item in state:
         of_node = item.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(item.row[0]) in pilots
@@ -103,7 +132,7 @@ def preloads_of(
             by_name[pilots[nodes.single(item.row[0])]].append(item)
     constraints = []
     forces = []
-    for block, name in sections:
+    for block, name, sign in sections:
         drawn = [item for item in by_name[name] if item.block.keyword == "CLOAD" and item.factor]
         # a bolt that is FIXED after a force drew it keeps the force: its length then is not known here
         own = [item for item in by_name[name] if not (drawn and "FIXED" in item.block.options)]
@@ -111,11 +140,12 @@ def preloads_of(
         if imposed:
             # a shortening of 0 has an amplitude, too
             text = f"hhr.Preload({name!r}, {{}})" if imposed[-1].factor else f"hhr.Preload({name!r}, 0.0)"
-            constraints.append(Load("shortening", text, imposed[-1].factor, imposed[-1].block.source))
+            constraints.append(Load("shortening", text, sign * imposed[-1].factor, imposed[-1].block.source))
         else:
             constraints.append(Load("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
         for item in () if imposed else drawn:
-            forces.append(Load("preload", f"hhr.BoltForce({name!r}, {{}})", item.factor, item.block.source))
+            text = f"hhr.BoltForce({name!r}, {{}})"
+            forces.append(Load("preload", text, sign * item.factor / thickness, item.block.source))
         if imposed and drawn:
             left.append(drawn[-1].block.left("its section has a shortening too, which counts"))
     return kept, constraints, forces

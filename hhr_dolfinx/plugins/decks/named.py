@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,12 +101,17 @@ class NamedParts:
                 return Pair(text, friction, source, gap)
         return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source, gap)
 
-    def out_of_reach(self, supports: Sequence[Support]) -> tuple[Pair, ...]:
-        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none."""
+    def out_of_reach(self, supports: Sequence[Support], among: Container[Tag] | None = None) -> tuple[Pair, ...]:
+        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none.
+
+        It faces one of the surfaces ``among``, of all if None, or the outside of all bodies.
+        """
         held = np.zeros(self.raw.points.shape, dtype=bool)
         for item in supports:
             held[self.nodes(item.place), item.component] = True
-        flat = {name: self.flat_normal(name) for name in self.surfaces if (self.owners(name) >= 0).all()}
+        known = self.surfaces if among is None else among
+        names = [name for name in self.surfaces if name in known and (self.owners(name) >= 0).all()]
+        flat = {name: self.flat_normal(name) for name in names}
         surfaces = [(name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None]
         outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))
         for name, normal, nodes in (*surfaces, *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim))):

@@ -16,7 +16,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
 
 NEAR = 1e-6
-"""Distance over the size of the body up to which a corner of the mesh is a node of the deck."""
+"""Distance over the size of the body up to which middles of cells of the mesh and of the deck are the same."""
 
 
 @dataclass(frozen=True)
@@ -46,22 +46,24 @@ class DeckTemperatures:
         """
         from hhr_dolfinx.plugins.decks.inp_temperatures import distribution
 
-        points, values = distribution(Path(self.path), self.tag)
-        if not len(points):
+        corners, values = distribution(Path(self.path), self.tag)
+        if not len(corners):
             raise SceneError(f"deck {self.path} has no body '{self.tag}', whose temperatures are a field")
-        tree = cKDTree(self.scale * points)
-        near = NEAR * self.scale * np.ptp(points, axis=0).max()
-
-        def at(places: np.ndarray) -> np.ndarray:
-            far, nearest = tree.query(places.T)
-            return np.where(far <= near, values[nearest], 0.0)
-
         domain = extract_unique_domain(x)
         mesh = Mesh(domain.ufl_cargo(), domain)
-        field = fem.Function(fem.functionspace(mesh, ("Lagrange", 1)))
-        field.interpolate(at)
-        if domain.ufl_coordinate_element().degree > 1:
-            return field
-        mean = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
-        mean.x.array[:] = field.x.array[field.function_space.dofmap.list].mean(axis=1)
-        return mean
+        space = fem.functionspace(mesh, ("Discontinuous Lagrange", 1))
+        cells = space.dofmap.list
+        places = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
+        # by cells, as nodes of several bodies, or at a crack, may coincide
+        far, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
+        nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
+        found = np.where(
+            (far <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None], values[own[:, None], nearest], 0.0
+        )
+        if domain.ufl_coordinate_element().degree == 1:
+            space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
+            cells = space.dofmap.list
+            found = found.mean(axis=1, keepdims=True)
+        field = fem.Function(space)
+        field.x.array[cells] = found
+        return field

@@ -24,8 +24,8 @@ NEAR = 0.1
 """Largest distance of a further pair of surfaces, over the extent of the smaller one."""
 STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
-SOFT = 1e-4
-"""Stiffness of a bedding that holds a loose body, over that of the body, E over its extent."""
+SOFT = 1e-7
+"""Stiffness of a bedding that holds a loose body, over E over its extent; 1e-4 bears a fifth of a bent tube."""
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)
@@ -51,7 +51,7 @@ def template(path: Path, given: NamedParts) -> Deck:
     left = [Left(source, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
     bolts = dict(_bolts(parts, source))
     deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
-    supports, loads = _by_names(parts, _pieces(parts), source, left)
+    supports, loads, planes = _by_names(parts, source, left)
     parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)
     if not pairs:
@@ -70,6 +70,7 @@ def template(path: Path, given: NamedParts) -> Deck:
         deck,
         supports=tuple(supports),
         loads=tuple(loads),
+        constraints=(*deck.constraints, *planes),
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs) or parts.out_of_reach(supports),
         left=tuple(left),
         sides=parts is not given,
@@ -88,7 +89,8 @@ def _touching(parts: NamedParts, supports: Sequence[Support], wider: bool) -> tu
     def pairs_of(mesh: NamedParts) -> list[tuple[Tag, Tag]]:
         used = {item.place for item in supports}
         piece = _pieces(mesh)
-        return _facing(mesh, {name: k for name, k in piece.items() if name not in used and not _begins(name, PRESSED)})
+        used |= {name for name in piece if _begins(name, PRESSED + SYMMETRIC)}
+        return _facing(mesh, {name: number for name, number in piece.items() if name not in used})
 
     found = pairs_of(parts)
     if found or not wider:
@@ -102,21 +104,23 @@ def _begins(name: Tag, words: tuple[str, ...]) -> bool:
     return isinstance(name, str) and name.lower().startswith(words)
 
 
-def _by_names(
-    parts: NamedParts, piece: Iterable[Tag], source: str, left: list[Left]
-) -> tuple[list[Support], list[Load]]:
-    """Supports and loads of outer surfaces whose names say what they are."""
+def _by_names(parts: NamedParts, source: str, left: list[Left]) -> tuple[list[Support], list[Load], list[Load]]:
+    """Supports, loads and inclined planes of symmetry of outer surfaces whose names say what they are."""
     dim = parts.raw.dim
     names = [name for name in parts.surfaces if isinstance(name, str) and (parts.owners(name) >= 0).all()]
     supports = [Support(name, k, 0.0, source) for name in names if _begins(name, HELD) for k in range(dim)]
+    planes = []
     for name in (name for name in names if _begins(name, SYMMETRIC)):
         normal = parts.flat_normal(name)
-        if normal is None or np.abs(normal).max() < 1 - FLAT:
-            left.append(Left(source, name, "a plane of symmetry across no axis: hold it by an Equation in constraints"))
+        if normal is None:
+            left.append(Left(source, name, "a surface of symmetry that is not flat: hold it by a constraint"))
+        elif np.abs(normal).max() < 1 - FLAT:
+            text = f"hhr.DirectedDisplacement({name!r}, {tuple(normal.tolist())})"
+            planes.append(Load("", text, 0.0, source))
         else:
             supports.append(Support(name, int(np.abs(normal).argmax()), 0.0, source))
     loads = [Load("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source) for name in names if _begins(name, PRESSED)]
-    return supports, loads
+    return supports, loads, planes
 
 
 def _by_places(

@@ -41,6 +41,9 @@ FINER = 0.5
 NESTED = 1.5
 """Size of slave facets over that of the master above which meshes whose nodes coincide are nested: 2 at least."""
 
+WITH_MIDDLE = 9
+"""Nodes of a facet of which the last one is in its middle."""
+
 
 class _Partners(NamedTuple):
     """Slave nodes that have a condition, (m,); closest points, normals, and areas along the normal of all n nodes."""
@@ -65,11 +68,14 @@ class NodeToSurface(SlaveAndMaster):
             n for each node: against the smoothed outer normal of the master at that point.
         friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        at_nodes: on cells of second order, True for conditions at single nodes of edges, as CalculiX has them, instead
+            of means around nodes. The end of a body presses at its nodes then; pressures at single nodes vary.
     """
 
     normal: tuple[float, ...] | None = None
     friction: Any = field(default=None, metadata=LAW)
     law: PairLaw | None = field(default=None, metadata=LAW)
+    at_nodes: bool = False
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node that faces the master surface."""
@@ -78,13 +84,16 @@ class NodeToSurface(SlaveAndMaster):
         warn_of_overlap(slave, rows)
         bulges = master.bulges(facets, weights)
         warn_of_sag(slave, master, rows, float(np.abs(bulges) @ rows.areas / rows.areas.sum()))
+        if self.at_nodes:
+            return _without_middles(slave, rows)
         _warn_of_coarse_slave(slave, master, weights)
         return slave.averaged(rows)
 
     def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
         """Rows of deformed surfaces without warnings; they may overlap by the length ``overlap`` beyond a cell."""
         slave, master = surfaces
-        return slave.averaged(self._paired(slave, master, dofs, overlap)[0])
+        rows = self._paired(slave, master, dofs, overlap)[0]
+        return _without_middles(slave, rows) if self.at_nodes else slave.averaged(rows)
 
     def _paired(
         self, slave: Surface, master: Surface, dofs: int, overlap: float = 0.0
@@ -107,6 +116,13 @@ class NodeToSurface(SlaveAndMaster):
         gap = np.einsum("md,md->m", master_points - points, normals[order])
         rows = ContactRows(matrix, gap, slave.nodes[order], points, areas[order])
         return rows, closest.facets[order], closest.weights[order]
+
+
+def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
+    """Rows without those in the middle of quadrilaterals of second order: CalculiX has no nodes there."""
+    if slave.quadratic is None or slave.quadratic.nodes.shape[1] < WITH_MIDDLE:
+        return rows
+    return rows.take(np.flatnonzero(~np.isin(rows.slaves, slave.nodes[slave.quadratic.nodes[:, -1]])))
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:

@@ -166,12 +166,12 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
             context.workers.serve()
         else:
             try:
-                found = model, reduction = _searched(context, kept)
+                model, reduction = _searched(context, kept)
+                found = model, reduction = context.full.strains.corners(context.full, model), reduction
                 if kept is not None:
                     save_model(make_folder(kept) / "model.npz", model)
                     registry.write_companions(context.full, kept)
                     _keep_record(kept, reduction)
-                context.full.strains.corners(context.full, model)
             finally:
                 context.workers.let_go()
     return found if comm.size == 1 else comm.bcast(found)

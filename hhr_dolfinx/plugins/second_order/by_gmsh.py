@@ -65,7 +65,8 @@ def optimised(raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable
             patch = raw.cells[near], np.asarray(raw.sides)[near], labels[near]
             new = _optimised(raw.kind, points, *patch, way)
             if new is not None and (left := bad(new)) < least:
-                found, least = new, left
+                found = new
+                least = left
             if not least:
                 return found
     return found

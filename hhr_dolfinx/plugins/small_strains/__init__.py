@@ -5,4 +5,5 @@ from hhr_dolfinx.registry import Plugin
 PLUGIN = Plugin(
     name="small_strains",
     tools={"small_strains": "hhr_dolfinx.plugins.small_strains.guard:StrainGuard"},
+    classes={"hhr_dolfinx.plugins.small_strains.limit": "StrainRange"},
 )

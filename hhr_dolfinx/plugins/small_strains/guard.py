@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.full import FullModel, Guard
+from hhr_dolfinx.models.full import Checked, FullModel, Guard
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, StrainKind, spread_strain, strain_kinds
+from hhr_dolfinx.plugins.small_strains.limit import StrainRange, narrowed
+from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
@@ -97,24 +100,35 @@ class StrainGuard(Guard):
         sizes = [self._spreads(full.problem, item.points, item.displacements) for item in given]
         self._judge(full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes))
 
-    def corners(self, full: FullModel, model: AnsweringModel) -> None:
+    def corners(self, full: FullModel, model: Checked) -> Checked:
         """Warn of large strains and rotations of a model in corners of its parameter range.
 
-        A model of contact forces alone has no displacement, and is not checked.
+        Returns:
+            The model, with a limit where strains mean nothing further on. A model of contact forces alone has no
+            displacement, and is not checked.
         """
         try:
             self.check_corners(full, model)
         except ReductionError as error:
-            warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning)
+            limited, limit = self._limited(full, model)
+            known = f"; answers of the model are refused or warned of beyond {limit.described()}" if limit else ""
+            warn(f"{error}. The box reaches that far: narrow it{known}", SmallStrainWarning)
+            return limited
         except NotOfferedError:
-            return
+            pass
+        return model
 
     def check_corners(self, full: FullModel, model: AnsweringModel) -> None:
         """Check a model's answers in corners of the parameter range, where loads are largest, as :meth:`check`."""
         if full.equilibrium is not None:
             return
-        problem = full.problem
-        ends = np.array([problem.parameters.lower, problem.parameters.upper], dtype=float)
+        space = full.problem.parameters
+        points, sizes = self._of_corners(model, np.array([space.lower, space.upper], dtype=float))
+        if len(points):
+            self._judge(full.problem, points, sizes)
+
+    def _of_corners(self, model: AnsweringModel, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners of a box, (2, P), with an answer, (S, P), and the strain and the rotation there, (S, 2)."""
         count = 2 ** min(ends.shape[1], 10)
         numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
         axes = np.arange(ends.shape[1])
@@ -122,10 +136,24 @@ class StrainGuard(Guard):
         with ignored(Warning):  # the user did not request answers in corners
             many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
         found = [answer for answer in many if answer.converged]
-        if found:
-            points = np.array([answer.parameter for answer in found])
-            whole = np.stack([answer.displacement() for answer in found], axis=1)
-            self._judge(problem, points, self._sizes(whole))
+        if not found:
+            return corners[:0], np.zeros((0, 2))
+        whole = np.stack([answer.displacement() for answer in found], axis=1)
+        return np.array([answer.parameter for answer in found]), self._sizes(whole)
+
+    def _limited(self, full: FullModel, model: Checked) -> tuple[Checked, StrainRange | None]:
+        """The model with the limit of its strains, and this limit; None for a model that keeps none."""
+        if not (isinstance(model, KeptModel) and "trained" in model.kept):
+            return model, None
+        given = model.trained
+        if not isinstance(given, TrainedRange | None):
+            return model, None
+
+        def worst(ends: np.ndarray) -> float:
+            return float(self._of_corners(model, ends)[1].max(initial=0.0))
+
+        limit = narrowed(full.problem.parameters, worst, given)
+        return (model, None) if limit is None else (model.changed(trained=limit), limit)
 
     def _judge(self, problem: ContactProblem, points: np.ndarray, sizes: np.ndarray) -> None:
         """Raise and warn by the strains and rotations of answers at points, (S, 2)."""

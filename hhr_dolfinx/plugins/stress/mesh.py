@@ -168,7 +168,7 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
     acting = pulled
     if problem.followers is not None:  # values of equations act on what T^T K T lacks
-        pulled = [part[:, lifted] for part in problem.pulled]
+        pulled = [csc_matrix(problem.from_rows(csr_matrix(part[:, lifted]))) for part in problem.pulled]
         acting = [problem.followers.forces(part) for part in pulled]
     blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in acting)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()

@@ -49,6 +49,8 @@ scenes = {{
     "equation": (pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -2.0)), "0.002 * p"),)), [0.7]),
     "rigid": (pressed((hhr.RigidMotion(TOP),), loads=(hhr.NodalForce(half, (0.0, -0.4), "p"),)), [0.7]),
     "mean": (pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), [0.7]),
+    "serendipity": (replace(pressed((hhr.Serendipity(), hhr.MeanMotion(TOP, 1, "-0.01 * p"))), order=2,
+                            outputs=(hhr.ElasticEnergy("energy"),)), [0.7]),
     "preload": (bolt(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002), [0.8]),
     "force": (bolt(path, (hhr.ForcedSection("CUT"),), loads), [0.8]),
     "springs": (grounded, [0.9]),
@@ -105,7 +107,7 @@ def found(tmp_path_factory):
     return on
 
 
-@needs("nonmatching", "moduli", "places")
+@needs("nonmatching", "moduli", "places", "stress")
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_ranks_do_not_change_constrained_answers(found, ranks):
     """Round-off only: 1e-10, as factors order their sums in another way; 3e-6 between RIDs of other node numbers."""

@@ -3,6 +3,8 @@
 Its elements of first order, C3D8, are those of the scene.
 """
 
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +49,13 @@ BY_CCX = {
         "*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n*DISTRIBUTING COUPLING, ELSET=D\nBAR_X1, 1.\n",
         FORCES,
         (-0.001387526, 0.0002358058, -0.05068077),
+    ),
+    # nodes of the set hold whole facets, whose areas differ: the forces on all nodes are alike
+    "coupled forces on facets": (
+        "*NSET, NSET=LID\n12, 13, 14, 17, 18, 19\n"
+        "*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n*DISTRIBUTING COUPLING, ELSET=D\nLID, 1.\n",
+        FORCES,
+        (-0.006453153, 0.00003160203, -0.06073182),
     ),
     "mean rotation": (
         "*NODE\n904, 1., 0., 0.\n*MPC\nMEANROT, 5, 5, 5, 10, 10, 10, 15, 15, 15, 20, 20, 20, 904\n",
@@ -93,6 +102,45 @@ def test_a_preloaded_bar(step, moved, tmp_path):
     assert end(full, answer, (1.0, 0.0, 0.0))[0] == pytest.approx(moved / 2, rel=1e-9)
 
 
+def test_a_set_at_the_section_of_a_bolt(tmp_path):
+    """A force on nodes of both sides of the cut, which separates the facets of their set, by CalculiX 2.20."""
+    text = bar("*CLOAD\n903, 1, 5.\n901, 3, -3.").replace(
+        "BAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3\n", "BAR_X0, 1, 3\nBAR_X1, 1, 3\n"
+    )
+    text = text.replace(
+        "*STEP",
+        PILOTS + "*NSET, NSET=LID\n13, 14, 18, 19\n*ELEMENT, TYPE=DCOUP3D, ELSET=D\n700, 901\n"
+        "*DISTRIBUTING COUPLING, ELSET=D\nLID, 1.\n*SURFACE, NAME=CUT\n2, S4\n"
+        "*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP",
+    )
+    scene, _ = started(tmp_path, text)
+    assert end(*solved(scene), (3.0, 0.0, 0.0)) == pytest.approx((-0.002598121, 0.000687988, -0.005878261), abs=2e-7)
+
+
+def test_the_force_of_a_bolt_in_the_plane(tmp_path):
+    """The deck has a force F on the thickness t = 0.5: the stress is F / (t h)."""
+    text = (
+        "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 2., 0.\n4, 0., 1.\n5, 1., 1.\n6, 2., 1.\n7, 0., 0.\n"
+        "*ELEMENT, TYPE=CPS4, ELSET=BODY\n1, 1, 2, 5, 4\n2, 2, 3, 6, 5\n"
+        "*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.\n*SOLID SECTION, ELSET=BODY, MATERIAL=M\n0.5\n"
+        "*BOUNDARY\n1, 1, 2\n3, 1, 2\n4, 1\n6, 1\n*SURFACE, NAME=CUT\n1, S2\n"
+        "*PRE-TENSION SECTION, SURFACE=CUT, NODE=7\n1., 0.\n*STEP\n*STATIC\n*CLOAD\n7, 1, 5.\n*END STEP\n"
+    )
+    scene, _ = started(tmp_path, text)
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(2, 10.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(("face", "normal", "sign"), [("2, S4", "", 1), ("2, S4", "1., 0., 0.", 1),
+    ("2, S4", "-1., 0., 0.", -1), ("3, S6", "1., 0., 0.", -1), ("3, S6", "", 1)])  # fmt: skip
+@pytest.mark.parametrize("step", ["*BOUNDARY\n903, 1, 1, 0.02", "*CLOAD\n903, 1, 5."])
+def test_the_normal_of_a_section(face, normal, sign, step, tmp_path):
+    """CalculiX 2.20 presses the bar if the normal points into the elements of the surface."""
+    text = bar(step).replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = f"*SURFACE, NAME=CUT\n{face}\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
+    scene, _ = started(tmp_path, text.replace("*STEP", PILOTS + section.replace("\n\n", "\n")))
+    assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, sign * 5.0), rel=1e-9)
+
+
 FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
 
 
@@ -106,8 +154,9 @@ def test_a_fixed_bolt_keeps_its_preload(first, tmp_path):
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
 
 
-def test_a_preloaded_bar_without_other_surfaces(tmp_path):
-    """Its section is the surface of the plane out of reach."""
+@pytest.mark.parametrize("more", ["", "*NSET, NSET=LID\n13, 14, 18, 19\n"])
+def test_a_preloaded_bar_without_other_surfaces(more, tmp_path):
+    """Its section is the surface of the plane out of reach, and no set whose facets the cut separates."""
     text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
     lines = text.splitlines()
     kept = [line for line in lines if not line.startswith("*SURFACE") and not line.endswith((", S1", ", S2"))]
@@ -117,7 +166,7 @@ def test_a_preloaded_bar_without_other_surfaces(tmp_path):
     last = kept.index("*MATERIAL, NAME=STEEL")
     text = "\n".join(kept[:first] + kept[last:]).replace("BAR_X0, 1\nBAR_X1, 1\nBAR_Y0, 2\nbar_z0, 3", held)
     section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
-    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    scene, output = started(tmp_path, text.replace("*STEP", PILOTS + more + section))
     assert "TODO" not in output
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
 
@@ -159,8 +208,8 @@ def test_contact_alone_holds_a_lid(tmp_path, monkeypatch):
     assert output.count("TODO") == 1 and "soft springs are added" in output
     springs = [one for one in scene.loads if isinstance(one, hhr.Springs)]
     assert [(one.place, one.component) for one in springs] == [("LID_BOTTOM", k) for k in range(3)]
-    # the springs, 1e-4 E per area, bear 0.1 times the sinking of the lid, two cubes' 2 p / E = 0.02
-    assert solved(scene, 1.0)[1].forces().sum() == pytest.approx(10.0 - 0.1 * 0.02, rel=1e-4)
+    # the springs, 1e-7 E per area, bear 1e-4 times the sinking of the lid, two cubes' 2 p / E = 0.02
+    assert solved(scene, 1.0)[1].forces().sum() == pytest.approx(10.0 - 1e-4 * 0.02, rel=1e-6)
 
 
 @needs("floating", "checks")
@@ -204,10 +253,21 @@ def test_a_cyclic_structure(tmp_path):
     assert "turned by the angle, do not coincide" in output
 
 
+def test_all_components_need_no_local_axes(tmp_path):
+    """A coupling of all of them is the same in any axes."""
+    axes = "*ORIENTATION, NAME=O\n1., 1., 0., -1., 1., 0.\n"
+    scenes = [
+        started(tmp_path, coupled(more + KINEMATIC.replace("CONSTRAINT", f"{words}CONSTRAINT"), FORCES), name)
+        for name, more, words in (("one.inp", "", ""), ("other.inp", axes, "ORIENTATION=O, "))
+    ]
+    assert "TODO" not in scenes[1][1]
+    assert scenes[0][0].constraints == scenes[1][0].constraints
+
+
 def test_what_cannot_be_is_left(tmp_path):
     lines = (
         "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n"
-        + KINEMATIC.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
+        + ALONG.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
         + "*TIE, NAME=T\nHEAD, NOWHERE\n*EQUATION\n2\n5, 1, 1., 903, 1, -1.\n3\n901, 1, 1., 902, 1, 1., 5, 1, 1.\n"
         + "*PRE-TENSION SECTION, SURFACE=HEAD, NODE=903\n*RIGID BODY, NSET=NOWHERE, REF NODE=901\n"
         + "*MPC\nPLANE, 5, 10, 15, 20\n"
@@ -379,6 +439,54 @@ def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
         assert code == 0 and ("paired in another order" in output) == lost, output
         found = scene_of(str(tmp_path / "deck.py")).constraints
         assert len(found) == (0 if lost else 1)
+
+
+INCLINED = "TYPE=R\n1., .5, 0., -.5, 1., 0.\n"
+AXES = {
+    "slide": f"*TRANSFORM, NSET=BAR_X0, {INCLINED}*BOUNDARY\nBAR_X0, 1\nBAR_Z0, 3\n6, 1, 2\n",
+    "by numbers": f"*NSET, NSET=FEW\n1, 6, 11, 16\n*TRANSFORM, NSET=FEW, {INCLINED}*BOUNDARY\n1, 1\n6, 1\n"
+    "11, 1\n16, 1\nBAR_Z0, 3\n6, 2\n",
+    "about an axis": "*TRANSFORM, NSET=BAR_X1, TYPE=C\n0., -3., .2, 0., -3., 1.\n"
+    "*BOUNDARY\nBAR_X1, 2, 2, .01\nBAR_X0, 1, 3\n",
+}  # fmt: skip
+"""Supports of a bar in local axes: across an inclined plane, and around an axis."""
+
+
+@needs("constraints")
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="ccx, CalculiX, is not installed")
+@pytest.mark.parametrize("name", AXES)
+def test_supports_in_local_axes(name, tmp_path):
+    """Displacements of CalculiX to its seven digits."""
+    text = bar("*CLOAD\nBAR_X1, 1, 1.\nBAR_X1, 3, .2\n*NODE PRINT, NSET=ALL, GLOBAL=YES\nU")
+    held = "*BOUNDARY\nBAR_X0, 1\nBAR_Y0, 2\nbar_z0, 3\n"
+    assert held in text
+    text = text.replace(held, AXES[name])
+    if name == "about an axis":
+        text = text.replace("BAR_X1, 1, 1.\n", "")
+    (tmp_path / "deck.inp").write_text(text)
+    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True)
+    lines = [line.split() for line in (tmp_path / "deck.dat").read_text().splitlines()]
+    printed = np.array([line for line in lines if len(line) == 4], dtype=float)[:, 1:]
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output
+    assert any(isinstance(one, hhr.DirectedDisplacement) for one in scene.constraints)
+    full, answer = solved(scene)
+    moved = answer.displacement().reshape(-1, 3)
+    places = [(x, y, z) for z in (0.0, 1.0) for y in (0.0, 1.0) for x in range(5)]
+    order = [np.abs(full.problem.points - place).sum(axis=1).argmin() for place in places]
+    assert moved[order] == pytest.approx(printed, abs=1e-6 * np.abs(printed).max())
+
+
+@needs("constraints")
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [("*TRANSFORM, NSET=BAR_X1, TYPE=C\n0., 0., 0., 0., 0., 1.\n*CLOAD\nBAR_X1, 1, 1.\n", "radial forces at nodes"),
+     ("*TRANSFORM, NSET=BAR_Y0, TYPE=R\n1., 1., 0., -1., 1., 0.\n*BOUNDARY\nBAR_X1, 2\n", "several systems of axes")],
+)  # fmt: skip
+def test_local_axes_without_a_counterpart(lines, said, tmp_path):
+    """Forces around an axis, and sets of which some nodes alone have local axes."""
+    _, output = started(tmp_path, bar("*DLOAD\n4, P4, 1.").replace("*STEP", f"{lines}*STEP", 1))
+    assert said in output
 
 
 @needs("obstacles")

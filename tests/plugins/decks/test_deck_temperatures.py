@@ -91,3 +91,22 @@ def test_a_body_that_is_not_there(tmp_path):
     wrong = dataclasses.replace(scene, loads=(hhr.ThermalExpansion("BAR", 1e-4, "temperature", field=field),))
     with pytest.raises(SceneError, match="has no body 'BEAM'"):
         hhr.FullOrderModel(wrong)
+
+
+def test_nodes_that_coincide_keep_their_temperatures(tmp_path):
+    """Two cubes of one set, of which the upper one is heated by 50 and held at its foot: only it expands."""
+    hot = "UPPER_Z0, 50.\nUPPER_Z1, 50.\nLOWER_Z0, 0.\nLOWER_Z1, 0.\n"
+    text = blocks("*TEMPERATURE\n" + hot, before="UPPER_Z0, 3").replace(
+        "1000., 0.0\n", "1000., 0.0\n*EXPANSION\n1e-4\n"
+    )
+    sections = "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL\n"
+    assert sections in text
+    both = "*ELSET, ELSET=BOTH\nLOWER, UPPER\n*SOLID SECTION, ELSET=BOTH, MATERIAL=STEEL\n"
+    name, output = started(tmp_path, text.replace(sections, both))
+    assert "TODO" not in output
+    full = hhr.FullOrderModel(scene_of(name))
+    answer = full.solve(full.parameters.middle)
+    moved = answer.displacement().reshape(-1, 3)
+    lid = full.problem.points[:, 2] > 1.9
+    assert moved[lid, 2] == pytest.approx(np.full(lid.sum(), 50e-4), rel=1e-9)
+    assert np.abs(moved[full.problem.points[:, 2] < 0.1]).max() < 1e-12

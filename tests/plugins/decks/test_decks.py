@@ -1,6 +1,7 @@
 """Decks of CalculiX and Abaqus become scenes: through the written file, against closed forms."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -226,6 +227,49 @@ def test_forces_on_cells_of_second_order_act_at_the_nodes_of_the_file(kind, thic
     """The floor bears as many forces as nodes are listed, over the thickness, which axisymmetry has none of."""
     full, answer = solved(started(tmp_path, EIGHT.format(kind=kind, thickness=thickness, load=load))[0])
     assert full.pressures(answer).sum() == pytest.approx(total, rel=1e-9)
+
+
+THICK = """*NODE
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+5, 0., 2.
+6, 1., 2.
+*ELEMENT, TYPE=CPS4, ELSET=LOW
+1, 1, 2, 3, 4
+*ELEMENT, TYPE=CPS4, ELSET=UP
+2, 4, 3, 6, 5
+*NSET, NSET=FOOT
+1, 2
+*NSET, NSET=LID
+5, 6
+*MATERIAL, NAME=M
+*ELASTIC
+1000., 0.
+*SOLID SECTION, ELSET=LOW, MATERIAL=M
+2.
+*SOLID SECTION, ELSET=UP, MATERIAL=M
+1.
+*BOUNDARY
+FOOT, 1, 2
+*STEP
+*STATIC
+*CLOAD
+LID, 2, 3.
+"""
+
+
+def test_bodies_of_several_thicknesses(tmp_path):
+    """Springs of 2000 and 1000 in series under 6, once the advice is followed."""
+    scene, output = started(tmp_path, THICK)
+    (factor,) = re.findall(r"'UP' is 1 thick, and bodies before it 2; .* pressures on them, by (\S+)", output)
+    low, up = scene.bodies
+    _, answer = solved(
+        dataclasses.replace(scene, bodies=(dataclasses.replace(low, young=float(factor) * low.young), up))
+    )
+    assert answer.displacement().max() == pytest.approx(6 / 2000 + 6 / 1000, rel=1e-9)
+    assert " thick, and" not in started(tmp_path, THICK.replace("\n1.\n*BOUND", "\n2.\n*BOUND"), "same.inp")[1]
 
 
 def test_a_cylinder_on_a_rigid_plane(tmp_path):

@@ -13,10 +13,18 @@ from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    OutsideTrainingError,
+    OutsideTrainingWarning,
+    ReductionError,
+    SmallStrainWarning,
+)
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.plugins.small_strains import cells
+from hhr_dolfinx.plugins.small_strains.limit import narrowed
 from hhr_dolfinx.study.condensing import condensed
+from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected
 
 
@@ -124,6 +132,33 @@ def test_each_verb_warns_of_strains_that_are_large():
     assert first.startswith("at down = 3: a strain of 0.2") and second.startswith("at down = 11.9: a strain of 1.2")
     with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
         hhr.condense(squeezed(12.0))
+
+
+def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
+    """A strain of 1 is that of (down - .5) / 10 within a tenth; a file, its answers and a table know the limit."""
+    with pytest.warns(SmallStrainWarning, match=r"are refused or warned of beyond down = 0 to (9|10)\."):
+        model = hhr.condense(squeezed(12.0))
+    (limit,) = model.trained.upper
+    strain = hhr.FullOrderModel(squeezed(12.0)).strains._of_corners(model, np.array([[0.0], [limit]]))[1].max()
+    assert 0.99 < strain <= 1 and limit == pytest.approx(10.5, rel=0.1)
+    hhr.save_model(tmp_path / "model.npz", model)
+    read = hhr.load_model(tmp_path / "model.npz")
+    with pytest.warns(OutsideTrainingWarning, match="strains or rotations above 1, .* lower the load"):
+        read.solve(11.9)
+    with pytest.raises(OutsideTrainingError, match="beyond down = 0 to"):
+        read.solve(11.9, outside="refuse")
+    with warnings.catch_warnings(action="error"):
+        read.solve(0.9 * limit)
+
+
+def test_one_parameter_is_narrowed_if_that_is_enough():
+    """Strains are 1.25 |a|, and grow no more with E: a is kept as far as it may go, E whole; a range before is kept."""
+    space = hhr.ParameterSpace(("a", "E"), (-1.0, 1.0), (2.0, 3.0))
+    found = narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), None)
+    assert found.upper == pytest.approx([0.8, 3.0], rel=2e-3) and found.lower == pytest.approx([-0.4, 1.0], rel=2e-3)
+    before = TrainedRange(("a", "E"), np.array([0.0, 1.5]), np.array([2.0, 3.0]))
+    assert narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), before).lower.tolist() == [0.0, 1.5]
+    assert narrowed(space, lambda ends: 2.0, None) is None
 
 
 def test_cells_that_are_looked_at_stand_for_all(monkeypatch):

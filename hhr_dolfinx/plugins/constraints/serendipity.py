@@ -1,0 +1,61 @@
+"""Serendipity elements: quadrilaterals of 8 and hexahedra of 20 nodes, as C3D20 of decks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.constraints import Equations
+from hhr_dolfinx.loads import Assembler
+from hhr_dolfinx.plugins.constraints.equations import equations_of
+
+CELLS = {9: "quadrilateral", 27: "hexahedron"}
+"""Cells of second order that have nodes in the middle of their faces, by their number of nodes."""
+
+
+@dataclass(frozen=True)
+class Serendipity:
+    """Nodes in the middle of faces and cells follow those of edges, which leaves 8 or 20 nodes of each cell.
+
+    The displacement is then that of serendipity elements on the same mesh: at the middle of a face it is half of the
+    sum at the middles of the four edges less a quarter of that at the corners, in the middle of a hexahedron a quarter
+    of both sums.
+    """
+
+    amplitude: Amplitude = field(default=Amplitude(), init=False)
+
+    def equations(self, assembler: Assembler) -> Equations:
+        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for other cells."""
+        cells = assembler.cells()
+        if cells.shape[1] not in CELLS:
+            raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")
+        middle, others, shares = _middles(CELLS[cells.shape[1]])
+        found, first = np.unique(cells[:, middle], return_index=True)
+        cell, place = np.unravel_index(first, (len(cells), middle.size))
+        (dim,) = assembler.test.ufl_shape
+        count = dim * found.size
+        dofs = (dim * found[:, None] + np.arange(dim)).ravel()
+        entries = [(np.ones(count), np.arange(count), dofs)]
+        for k, node in enumerate(others):
+            columns = (dim * cells[cell, node][:, None] + np.arange(dim)).ravel()
+            values = np.repeat(-shares[place, k], dim)
+            entries.append((values[values != 0], np.flatnonzero(values), columns[values != 0]))
+        return replace(equations_of(entries, dofs, assembler.size, loose=True), middle=True)
+
+
+def _middles(cell: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes in the middle of faces and of the cell, (m,), corners and nodes of edges, (n,), and shares, (m, n)."""
+    edges, faces = (np.array(part) for part in compat.topology(cell))
+    corners = int(edges.max()) + 1
+    ends = np.concatenate([np.arange(corners)[:, None].repeat(2, axis=1), edges])
+    whole = [np.arange(corners)]
+    sides = [*faces, *whole] if cell == "hexahedron" else whole
+    inside = np.array([np.isin(ends, side).all(axis=1) for side in sides])
+    shares = inside * np.where(np.arange(len(ends)) < corners, -0.25, 0.5 if cell == "quadrilateral" else 0.25)
+    if cell == "hexahedron":
+        shares[: len(faces), corners:] *= 2
+    return len(ends) + np.arange(len(sides)), np.arange(len(ends)), shares

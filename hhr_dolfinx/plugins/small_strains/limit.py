@@ -1,0 +1,72 @@
+"""Range of parameters of a model in which its strains are small enough to mean something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.small_strains.cells import MOST
+from hhr_dolfinx.trained import TrainedRange, announce
+
+STEPS = 10
+"""Bisections of the part of the box that is kept."""
+Box = np.ndarray
+"""Lower and upper ends of parameters, (2, P)."""
+
+
+@dataclass(frozen=True)
+class StrainRange(TrainedRange):
+    """Range beyond which strains are larger than :data:`MOST`; a model refuses there as outside its training range."""
+
+    def check(self, point: np.ndarray, outside: str) -> None:
+        """Check a point against the range; see :func:`~hhr_dolfinx.trained.announce`."""
+        if self.complaint(point):
+            announce(
+                f"strains or rotations above {MOST:g}, which mean nothing in a theory of small ones, come beyond "
+                f"{self.described()}: lower the load, or take a program for large ones",
+                outside,
+            )
+
+    def described(self) -> str:
+        """The range in words."""
+        ends = zip(self.names, self.lower, self.upper, strict=True)
+        return ", ".join(f"{name} = {low:g} to {high:g}" for name, low, high in ends)
+
+
+def narrowed(space: ParameterSpace, worst: Callable[[Box], float], given: TrainedRange | None) -> StrainRange | None:
+    """Largest part of the box with strains of at most :data:`MOST` in its corners; None without one.
+
+    One parameter is narrowed, or all are alike, towards an end, the middle or zero, by the smallest strains.
+
+    Args:
+        space: the box.
+        worst: largest strain in corners of a box.
+        given: range of the model before, which stays a limit.
+    """
+    whole = np.array([space.lower, space.upper], dtype=float)
+    choices = [np.eye(len(space.names), dtype=bool)[k] for k in range(len(space.names))]
+    found = []
+    for choice in (*choices, np.ones(len(space.names), dtype=bool)):
+        ends = (*whole, whole.mean(axis=0), np.clip(0.0, *whole))
+        target = min((np.where(choice, end, whole) for end in ends), key=worst)
+        if worst(target) > MOST:
+            continue
+        inside = 0.0
+        beyond = 1.0
+        for _ in range(STEPS):
+            middle = (inside + beyond) / 2
+            if worst(target + middle * (whole - target)) > MOST:
+                beyond = middle
+            else:
+                inside = middle
+        found.append((inside ** int(choice.sum()), (target + inside * (whole - target)).tolist()))
+    if not found:
+        return None
+    lower, upper = np.array(max(found)[1])
+    if given is not None:
+        lower = np.maximum(lower, given.lower)
+        upper = np.minimum(upper, given.upper)
+    return StrainRange(tuple(space.names), np.minimum(lower, upper), upper)
