@@ -59,6 +59,8 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     decks = [read(state) for state in (rest, *then)]
     largest = _with_temperatures(largest, decks)
     amounts = _amounts(largest)
+    if len(amounts) < sum(map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))):
+        return _without(deck, steps[-1], "rows of one block impose one quantity twice")
     rows = [_shares(_amounts(one), amounts) for one in decks]
     if not all(rows) or not _whole(items, factors):
         return _without(deck, steps[-1], "values of one block change their proportions between steps")

@@ -508,3 +508,14 @@ def test_a_body_in_a_hole_beside_a_larger_one(tmp_path):
     scene, output = started(tmp_path, "\n".join(lines) + "\n")
     assert scene.contacts[0].inside
     assert output.count("TODO") == 1 and "does not drag it by friction" in output
+
+
+def test_a_rigid_element_without_its_nodes(tmp_path):
+    """The node that is missing is named."""
+    tool = "*NODE\n900, 0., 0., 3.\n*ELEMENT, TYPE=R3D4, ELSET=TOOL\n800, 900, 901, 902, 903\n"
+    tool += "*SURFACE, NAME=T\nTOOL, SPOS\n"
+    tool += "*RIGID BODY, ELSET=TOOL, REF NODE=900\n*SURFACE INTERACTION, NAME=I\n"
+    tool += "*CONTACT PAIR, INTERACTION=I\nBAR_TOP, T\n"
+    (tmp_path / "deck.inp").write_text(bar("*CLOAD\nBAR_X1, 1, 1.").replace("*STEP", tool + "*STEP", 1))
+    code, output = invoke("start", tmp_path / "deck.inp")
+    assert code and "node 901 of an element or a set is not in the deck" in output
