@@ -129,7 +129,8 @@ def test_what_changes_beside_three_parameters(tmp_path):
      ("*CLOAD\nBAR_X1, 1, 2.5\n" + STEP.format("1.") + "*BOUNDARY, FIXED\nBAR_X1, 1\n*CLOAD, OP=NEW",
       "it holds in some of the steps: here in all of them"),
      ("*CLOAD\n" + forces(0.5) + "BAR_X1, 1, 1.\nBAR_X1, 1, 1.2\n" + STEP.format("1.") + "*CLOAD\n"
-      + forces(0.2, NODES[:2]) + "BAR_X1, 1, .4\nBAR_X1, 1, .7", "one step from rest is written: rows of one block impose one quantity twice"),
+      + forces(0.2, NODES[:2]) + "BAR_X1, 1, .4\nBAR_X1, 1, .7",
+      "rows of one block impose one quantity twice"),
      ("*AMPLITUDE, NAME=A\n" + "\n".join(f"{0.005 * k!r}, {k % 2}" for k in range(200))
       + "\n*DLOAD, AMPLITUDE=A\n4, P4, -10.", "200 times of steps and amplitudes are more than 100")],
 )  # fmt: skip
