@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
@@ -66,7 +66,7 @@ def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckN
         thickness = 1.0
     reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
     final = imposed_of(found)
-    reader = replace(reader, left=(*left, *_overlapping(final, parts)))
+    reader = replace(reader, left=(*left, *_overlapping(final, parts), *_creeping(found, sections)))
     deck = reader.deck(final)
     remembers = any(item.material.law for item in sections) or any(pair.friction for pair in deck.pairs)
     return with_history(deck, found, reader.deck) if remembers else deck
@@ -109,7 +109,8 @@ class _Reader:
             forces += more[1]
         constraints += ties_of(found, parts, left)
         materials = {item.tag: item.material for item in self.sections}
-        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left)
+        axis = 1 if self.hypothesis == "axisymmetric" else 2
+        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left, axis)
         loads += heated_of(found, own, nodes, materials, left)
         touching = pairs_of(found, parts, nodes, state, left)
         if not (touching or supports or constraints):
@@ -130,12 +131,7 @@ class _Reader:
             tuple(one.name for one in self.cuts),
         )
         flows = any(item.material.law for item in self.sections)
-        if not (touching and flows):
-            return _with_20_nodes(deck, nodes)
-        soft = with_springs(deck, parts)
-        if constraints:
-            return _with_20_nodes(soft, nodes)
-        return deck if soft.loads != deck.loads else _with_20_nodes(deck, nodes)
+        return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)
 
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
@@ -160,6 +156,13 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
             if since[nodes].min() < item.since:
                 yield item.block.left("nodes of it have values of an earlier step too: both act here")
             since[nodes] = np.minimum(since[nodes], item.since)
+
+
+def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
+    """Steps without creep of a deck with creep."""
+    if any("Norton" in item.material.law or "Creep" in item.material.law for item in sections):
+        for block in of_kind(found, "STATIC"):
+            yield block.left("bodies creep in this step too: shorten its leg if they must not")
 
 
 def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
@@ -191,25 +194,26 @@ def _sections(
     free = np.ones(len(parts.raw.cells), dtype=bool)
     for block in of_kind(found, "SOLID SECTION"):
         name = block.option("MATERIAL")
-        tag = parts.body(block.option("ELSET"))
-        if tag is None:
+        tags = _bodies_of(found, block, parts)
+        if not tags:
             left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
             continue
         if name.upper() not in materials:
             raise SceneError(f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu")
-        if not free[parts.raw.bodies[tag]].all():
-            raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
-        free[parts.raw.bodies[tag]] = False
+        for tag in tags:
+            if not free[parts.raw.bodies[tag]].all():
+                raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
+            free[parts.raw.bodies[tag]] = False
+            sections.append(Section(tag, materials[name.upper()], block.source))
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
             before, thickness = thickness, block.number(block.rows[0][0])
-            if sections and hypothesis != "axisymmetric" and thickness != before:
+            if len(sections) > len(tags) and hypothesis != "axisymmetric" and thickness != before:
                 left.append(
                     block.left(
-                        f"'{tag}' is {thickness:g} thick, and bodies before it {before:g}; a scene has one thickness: "
-                        f"multiply moduli of these, and pressures on them, by {before / thickness:g}"
+                        f"'{tags[0]}' is {thickness:g} thick, and bodies before it {before:g}; a scene has one "
+                        f"thickness: multiply moduli of these, and pressures on them, by {before / thickness:g}"
                     )
                 )
-        sections.append(Section(tag, materials[name.upper()], block.source))
     if not sections:
         lost = [
             parts.raw.left_out[block.word("ELSET")]
@@ -223,6 +227,19 @@ def _sections(
     return sections, thickness
 
 
+def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> list[Tag]:
+    """Body of the set of a section, or one for each instance of the part that the section is in."""
+    name = section.option("ELSET")
+    before = found[: next(k for k, block in enumerate(found) if block is section)]
+    around = of_kind(before, "PART", "END PART")
+    inside = around[-1].word("NAME") if around else ""
+    instances = [block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside]
+    full = {f"{block.option('NAME')}.{name}".upper() for block in instances}
+    tags = [tag for tag in parts.raw.bodies if str(tag).upper() in full]
+    single = parts.body(name)
+    return [single] if single is not None and len(tags) < 2 else tags
+
+
 def _ignored(found: Sequence[Block]) -> Iterator[Left]:
     """Blocks, or options of blocks, without counterpart."""
     for block in found:
@@ -230,7 +247,8 @@ def _ignored(found: Sequence[Block]) -> Iterator[Left]:
         if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
             yield block.left("NLGEOM, large displacements: strains and rotations are small here")
         elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            yield block.left("FIXED keeps values of earlier steps and forces of bolts; SUBMODEL and USER are ignored")
+            why = "FIXED keeps values of earlier steps, of a bolt its force and not its length"
+            yield block.left(f"{why}; SUBMODEL and USER are ignored")
         elif keyword == "CONTACT PAIR" and "ADJUST" in block.options:
             yield block.left("ADJUST moves no nodes here: gaps and overlaps are those of the mesh, see hhr check")
         elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):

@@ -49,16 +49,25 @@ def pairs_of(
                 normal = normal * np.sign(normal @ parts.normals(deformable).mean(axis=0)) + 0.0
                 text = f"hhr.Obstacle({deformable!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
                 pairs.append(Pair(text, coefficient, block.source, float(motion @ normal)))
+                left += _dragging(block, coefficient, motion - (motion @ normal) * normal)
             elif lost[0] in tools and deformable is not None:
                 tool, motion = tools[lost[0]]
-                text = tool.text.replace("{surface}", repr(deformable))
+                middles = parts.raw.points[parts.surfaces[deformable]].mean(axis=1)
+                text = tool.written(deformable, middles, parts.normals(deformable))
                 moved = tuple(motion.tolist())
                 pairs.append(Pair(text, coefficient, block.source, motion=moved, origin=tool.origin))
+                left += _dragging(block, coefficient, motion)
             else:
                 left.append(
                     block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid surface that is read")
                 )
     return tuple(pairs)
+
+
+def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
+    """The motion of a rigid surface with friction along itself, which is lost."""
+    why = "a rigid surface that moves along the body does not drag it by friction: move the body instead"
+    return [block.left(why)] if friction and motion.any() else []
 
 
 def _sides(block: Block) -> tuple[str, str]:

@@ -51,13 +51,16 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
         items, factors = _courses(states, merged=False)
     # all that acts at some time, each with its largest value
     largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
-    amounts = _amounts(largest)
     # at rest nothing acts, and temperatures are the initial ones
     rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
     then = [
         [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
     ]
     decks = [read(state) for state in (rest, *then)]
+    largest = _with_temperatures(largest, decks)
+    amounts = _amounts(largest)
+    if len(amounts) < sum(map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))):
+        return _without(deck, steps[-1], "rows of one block impose one quantity twice")
     rows = [_shares(_amounts(one), amounts) for one in decks]
     if not all(rows) or not _whole(items, factors):
         return _without(deck, steps[-1], "values of one block change their proportions between steps")
@@ -65,7 +68,7 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
     if not courses:
         return deck
-    left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(states)))
+    left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(found, states)))
     return replace(largest, history=History((0.0, *times), courses), left=left)
 
 
@@ -83,10 +86,12 @@ def _times(found: Sequence[Block]) -> list[float]:
     """Times at which courses may have corners: ends of steps, and points of amplitudes in them."""
     curves = curves_of(found)
     times: list[float] = []
-    steps = steps_of(found)[1:]
-    for step in steps:
+    going_on: list[Block] = []  # amplitudes of the time of all steps, which later steps follow too
+    for step in steps_of(found)[1:]:
         times += [step.start + SUDDEN * (step.end - step.start)] * step.sudden
-        own = (curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves)))
+        own = [curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves))]
+        going_on += [curve for curve in own if in_total_time(curve) and curve not in going_on]
+        own = [*going_on, *(curve for curve in own if not in_total_time(curve))]
         inside = (time + step.start * (not in_total_time(curve)) for curve in own for time in points_of(curve)[0])
         times += [time for time in inside if step.start < time < step.end]
         times.append(step.end)
@@ -115,7 +120,8 @@ def _between(before: State, after: State, part: float) -> State:
     for key in {**before, **after}:
         old = list(before.get(key, ()))
         new = list(after.get(key, ()))
-        if old == new or (new and "AMPLITUDE" in new[0].block.options):
+        at_once = [item for item in new if "AMPLITUDE" in item.block.options]
+        if old == new or (new and len(at_once) == len(new)):
             state[key] = new
         elif key.keyword == "BOUNDARY" and new:
             # of one node and component there is one value
@@ -123,7 +129,7 @@ def _between(before: State, after: State, part: float) -> State:
             state[key] = [replace(new[-1], factor=value)]
         else:
             state[key] = [replace(item, factor=(1 - part) * item.factor) for item in old]
-            state[key] += [replace(item, factor=part * item.factor) for item in new]
+            state[key] += [item if item in at_once else replace(item, factor=part * item.factor) for item in new]
     return state
 
 
@@ -137,7 +143,9 @@ def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list
     for number, state in enumerate(states):
         for key, rows in state.items():
             for repeated, item in enumerate(rows):
-                name: Name = key if merged or key.keyword == "BOUNDARY" else (*key, item.block.source, repeated)
+                # temperatures are no multiples of each other: what counts is their rise over the initial ones
+                together = key.keyword != "TEMPERATURE" and (merged or key.keyword == "BOUNDARY")
+                name: Name = key if together else (*key, item.block.source, repeated)
                 name = (*name, *item.row[3:]) if key.keyword in ("DLOAD", "DSLOAD") else name
                 amount = item.factor * item.unit
                 if name not in items or abs(amount) >= abs(items[name].factor * items[name].unit):
@@ -159,12 +167,23 @@ def _whole(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool
     )
 
 
-def _released(states: Sequence[State]) -> Iterator[Left]:
+def _with_temperatures(largest: Deck, decks: Sequence[Deck]) -> Deck:
+    """Deck with the largest temperatures of its times: those of several steps replace each other and do not add up."""
+    values: dict[Name, list[float]] = {}
+    for load in (load for deck in decks for load in deck.loads):
+        values.setdefault((load.kind, load.text, load.source), []).append(load.value)
+    hot = [load for load in largest.loads if load.kind == "temperature"]
+    most = {load: max(values.get((load.kind, load.text, load.source), [load.value]), key=abs) for load in hot}
+    return replace(largest, loads=tuple(replace(load, value=most.get(load, load.value)) for load in largest.loads))
+
+
+def _released(found: Sequence[Block], states: Sequence[State]) -> Iterator[Left]:
     """Supports that hold in some steps only, other than lengths of bolts that are fixed."""
+    bolts = {block.word("NODE") for block in of_kind(found, "PRE-TENSION SECTION")}
     always = {key for key in states[0] if all(key in state for state in states)}
     for key in {key for state in states for key in state} - always:
         block = next(state[key][0].block for state in states if key in state)
-        if key.keyword == "BOUNDARY" and "FIXED" not in block.options:
+        if key.keyword == "BOUNDARY" and not ("FIXED" in block.options and key.place in bolts):
             yield block.left("it holds in some of the steps: here in all of them")
 
 

@@ -20,8 +20,12 @@ def loads_of(
     bodies: Mapping[Tag, Material],
     thickness: float,
     left: list[Left],
+    axis: int = 2,
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and loads; rows without counterpart are left, and forces are per thickness in the plane."""
+    """Supports and loads; rows without counterpart are left, and forces are per thickness in the plane.
+
+    ``axis`` is that about which bodies of two dimensions may rotate.
+    """
     dim = parts.raw.dim
     supports = []
     forces: dict[str, list[tuple[Tag, int, float]]] = {}
@@ -30,7 +34,7 @@ def loads_of(
         block = item.block
         place = parts.place(item.place)
         if block.keyword in ("DLOAD", "DSLOAD"):
-            made = _distributed(item, parts, bodies)
+            made = _distributed(item, parts, bodies, axis)
             loads += [] if isinstance(made, str) else [load for load in made if load.value]
             left += [block.left(made)] if isinstance(made, str) else []
         elif block.keyword == "TEMPERATURE" or (item.component >= 3 and not item.factor):
@@ -62,7 +66,7 @@ def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> 
     return [Load("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
 
 
-def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material]) -> list[Load] | str:
+def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material], axis: int) -> list[Load] | str:
     """Loads on a surface, on faces of elements or on their volume, or the reason why there are none."""
     label = item.row[1].upper()
     dim = parts.raw.dim
@@ -81,6 +85,8 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
     known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
     if not tags or not known:
         return f"'{item.row[0]}' holds no whole body" if known else f"no counterpart: load {label}"
+    if label == "CENTRIF" and dim == 2 and any(part for k, part in enumerate(more[3:6]) if k != axis):
+        return f"in two dimensions bodies rotate about the axis {'xyz'[axis]}"
     loads = []
     for tag in tags:
         density = 1.0 if label[0] == "B" else bodies[tag].density

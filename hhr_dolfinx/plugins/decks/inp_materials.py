@@ -37,6 +37,8 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     for block in own.values():
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
             left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
+        if block.keyword == "EXPANSION" and not (block.word("TYPE") or "ISO").startswith("ISO"):
+            left.append(block.left(f"TYPE={block.word('TYPE')}: its first number counts in all directions"))
     single = {key: block.number(block.rows[0][0]) for key, block in own.items() if key in ("EXPANSION", "DENSITY")}
     return Material(
         name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck
 from hhr_dolfinx.geometries.cells import DIMENSION
 
@@ -33,7 +34,9 @@ class DeckNodes:
         return found[0] if len(found) == 1 else None
 
     def point(self, number: int) -> np.ndarray:
-        """Coordinates of a node, (3,)."""
+        """Coordinates of a node, (3,); FileContentError for a node that the deck does not have."""
+        if number not in self.deck.nodes:
+            raise FileContentError(f"node {self.deck.label(number)} of an element or a set is not in the deck")
         return np.array(self.deck.nodes[number])
 
     @cached_property

@@ -76,6 +76,7 @@ class Imposed:
     place: str  # name of the nodes, faces or cells
     component: int  # of a support or of a force, -1 for other loads
     factor: float  # amplitude at the end of its step, times the value of a support or of a force
+    value: float = 1.0  # the factor without the amplitude
     since: float = 0.0  # time at which its step begins
 
     @property
@@ -99,8 +100,12 @@ class Step:
 
     @property
     def sudden(self) -> bool:
-        """True if loads without an amplitude are there at once, not in proportion to the time of the step."""
-        return self.blocks[0].keyword == "STEP" and self.blocks[0].word("AMPLITUDE") == "STEP"
+        """True if loads without an amplitude are there at once, not in proportion to the time of the step.
+
+        So they are in a *VISCO, if its *STEP does not say RAMP.
+        """
+        kind = self.blocks[0].word("AMPLITUDE") or ("STEP" if of_kind(self.blocks, "VISCO") else "RAMP")
+        return self.blocks[0].keyword == "STEP" and kind == "STEP"
 
 
 class Key(NamedTuple):
@@ -133,9 +138,9 @@ def state_after(step: Step, before: State, curves: Mapping[str, Block], time: fl
     """Supports and loads after a step, or at a time in it at which amplitudes are those of the time.
 
     Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add up, and of supports
-    the last one holds.
+    the last one holds. Rows of earlier steps keep their values, or follow their amplitudes of the time of all steps.
     """
-    state = {key: [*items] for key, items in before.items()}
+    state = {key: [_later(item, curves, min(time, step.end)) for item in items] for key, items in before.items()}
     seen: set[str] = set()
     of_step: set[Key] = set()
     for block in of_kind(step.blocks, *IMPOSING):
@@ -154,6 +159,13 @@ def state_after(step: Step, before: State, curves: Mapping[str, Block], time: fl
                 state[key] = [*given, item] if adds else [item]
                 of_step.add(key)
     return state
+
+
+def _later(item: Imposed, curves: Mapping[str, Block], total: float) -> Imposed:
+    """A row of an earlier step at a time of all steps."""
+    curve = curve_of(item.block, curves)
+    goes_on = curve is not None and in_total_time(curve)
+    return replace(item, factor=item.value * _factor(item.block, curves, total, total)) if goes_on else item
 
 
 def curves_of(found: Sequence[Block]) -> dict[str, Block]:
@@ -201,7 +213,7 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
     for component in components:
         detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
         detail = (word, *map(float, block.numbers(row, 3))) if word == "GRAV" else detail
-        yield detail, Imposed(block, row, place, component, factor * value)
+        yield detail, Imposed(block, row, place, component, factor * value, value)
 
 
 def _component(block: Block, word: str) -> int:
@@ -216,7 +228,13 @@ def period_of(block: Block) -> float:
 
 
 def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
-    """Times of an amplitude, with its delay, and its values there."""
+    """Times of an amplitude, with its delay, and its values there; FileContentError if it is no table of them."""
+    kind = curve.word("DEFINITION") or "TABULAR"
+    if kind != "TABULAR" or curve.word("VALUE") == "ABSOLUTE":
+        words = f"DEFINITION={kind}" if kind != "TABULAR" else "VALUE=ABSOLUTE"
+        raise FileContentError(
+            f"{curve.source} *AMPLITUDE: {words} has no counterpart: give a table of times and factors of the loads"
+        )
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")

@@ -7,23 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhr_dolfinx.plugins.decks.deck import Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block
 
 ARC = np.deg2rad(1.0)
 """Angle of the chords of an arc, which are within 4e-5 of its radius of it."""
 TURNS = 120
-"""Facets around a surface of revolution, which are within 4e-4 of its radius of it."""
-MOST = 2000
+"""Facets around a surface of revolution, which are within 4e-4 of its radius of it; so are long arcs of its profile."""
+MOST = 8000
 """Facets of a rigid surface that a scene file lists."""
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A rigid surface as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its friction."""
+    """A rigid surface as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its friction.
+
+    That of a sphere has ``{inside}`` before its friction.
+    """
 
     text: str
     origin: tuple[float, ...] = ()  # its place where it does not move, empty for zeros
+    sphere: bool = False
+
+    def written(self, surface: Tag, points: np.ndarray, normals: np.ndarray) -> str:
+        """Text for a surface of a body with midpoints and outer normals of its facets, (f, dim)."""
+        text = self.text.replace("{surface}", repr(surface))
+        # a body in a hole looks away from the centre
+        hole = self.sphere and ((points - self.origin) * normals).sum() > 0
+        return text.replace("{inside}", ", inside=True" if hole else "")
 
 
 def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
@@ -79,13 +91,16 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     """
     first = next((k for k, row in enumerate(block.rows) if row[0].upper() == "START"), 0)
     given = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
+    revolved = block.word("TYPE") == "REVOLUTION"
     profile = _profile(block, block.rows[first:])
+    if revolved and len(profile) > MOST / TURNS:
+        profile = _profile(block, block.rows[first:], 2 * np.pi / TURNS)
     if len(profile) < 2 or given.size not in (0, 6, 9):
         return None
     origin = given[:3] if given.size else np.zeros(3)
     x = given[3:6] - origin if given.size else np.array([1.0, 0.0, 0.0])
     every = np.array(list(nodes.deck.nodes.values()))
-    if block.word("TYPE") == "CYLINDER":
+    if not revolved:
         along = given[6:9] - origin if given.size == 9 else np.array([0.0, 0.0, -1.0])
         x /= np.linalg.norm(x)
         along /= np.linalg.norm(along)
@@ -100,9 +115,7 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     if len(arcs) == len(block.rows) - first - 1 and np.allclose(arcs, [0.0, arcs[0][1]], atol=1e-9):
         centre = origin + arcs[0][1] * axis
         radius = float(np.linalg.norm(profile[0] - arcs[0]))
-        hole = (np.linalg.norm(every - centre, axis=1) < radius).mean() > 0.5
-        inside = ", inside=True" if hole else ""
-        return Tool(f"hhr.Sphere({{surface}}, {{place}}, {radius!r}{inside}{{}})", tuple(centre.tolist()))
+        return Tool(f"hhr.Sphere({{surface}}, {{place}}, {radius!r}{{inside}}{{}})", tuple(centre.tolist()), True)
     across = np.linalg.svd(axis[None])[2][1:]
     turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
     ways = np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1]
@@ -110,8 +123,11 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     return _swept(rows, closed=True)
 
 
-def _profile(block: Block, rows: Sequence[Sequence[str]]) -> np.ndarray:
-    """Points of a profile, (n, 2): START, then LINE with an end, or CIRCL with an end and a centre."""
+def _profile(block: Block, rows: Sequence[Sequence[str]], chord: float = ARC) -> np.ndarray:
+    """Points of a profile, (n, 2): START, then LINE with an end, or CIRCL with an end and a centre.
+
+    ``chord`` is the angle of the chords of arcs.
+    """
     points: list[np.ndarray] = []
     for row in rows:
         word = row[0].upper()
@@ -119,18 +135,18 @@ def _profile(block: Block, rows: Sequence[Sequence[str]]) -> np.ndarray:
         if word in ("START", "LINE"):
             points.append(numbers[:2])
         elif word == "CIRCL" and points:
-            points += _arc(points[-1], numbers[:2], numbers[2:])
+            points += _arc(points[-1], numbers[:2], numbers[2:], chord)
         else:
             return np.zeros((0, 2))
     return np.array(points)
 
 
-def _arc(start: np.ndarray, end: np.ndarray, centre: np.ndarray) -> list[np.ndarray]:
+def _arc(start: np.ndarray, end: np.ndarray, centre: np.ndarray, chord: float) -> list[np.ndarray]:
     """Points of the shorter arc between two points, without the first."""
     angles = [np.arctan2(*(one - centre)[::-1]) for one in (start, end)]
     turn = (angles[1] - angles[0] + np.pi) % (2 * np.pi) - np.pi
     radius = np.linalg.norm(start - centre)
-    steps = np.linspace(angles[0], angles[0] + turn, max(2, int(np.ceil(abs(turn) / ARC)) + 1))[1:]
+    steps = np.linspace(angles[0], angles[0] + turn, max(2, int(np.ceil(abs(turn) / chord - 1e-9)) + 1))[1:]
     return [*(centre + radius * np.array([np.cos(angle), np.sin(angle)]) for angle in steps[:-1]), end]
 
 

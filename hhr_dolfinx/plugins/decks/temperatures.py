@@ -23,8 +23,9 @@ NEAR = 1e-6
 class DeckTemperatures:
     """Temperatures of a body in a deck over the largest one of the deck, the ``field`` of a ThermalExpansion.
 
-    They are those of the end of the last step above *INITIAL CONDITIONS: linear in cells of second order, and the mean
-    of the corners in those of first order, as in CalculiX, whose strains are as constant.
+    They are those of the end of the last step above *INITIAL CONDITIONS: the mean of the corners in cells of first
+    order, as in CalculiX, whose strains are as constant, and linear between the corners in those of second order.
+    CalculiX reads the nodes on edges too: displacements differ by 3 % for x^2 on four cells, and by 1 % on six.
 
     Attributes:
         path: the deck.

@@ -164,7 +164,7 @@ def _by_ends(
 
 
 def with_springs(deck: Deck, parts: NamedParts) -> Deck:
-    """Add soft springs along components that neither supports nor constraints hold: equations admit no free body."""
+    """Add soft springs along components that neither supports nor constraints hold: laws admit no free body."""
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     supports = [(item.place, item.component) for item in deck.supports]
     for names, text in ((parts.named_in(item.text), item.text) for item in deck.constraints):
@@ -182,7 +182,7 @@ def with_springs(deck: Deck, parts: NamedParts) -> Deck:
         for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
             text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
             found.append(Load("springs", text, 0.0, "soft: without them contact alone holds this body"))
-    why = "constraints need bodies that are held without contact: soft springs are added to loads, check them"
+    why = "bodies must be held without contact where one has a law: soft springs are added to loads, check them"
     left = [Left(deck.pairs[0].source, "contact", why)] if found else []
     return replace(deck, loads=(*deck.loads, *found), left=(*deck.left, *left))
 

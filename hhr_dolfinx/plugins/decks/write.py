@@ -139,10 +139,10 @@ def _openings(pairs: Sequence[Pair], of: Mapping[Item, str]) -> Iterator[str]:
 
 
 def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
-    """Paths for the reduction of inelastic bodies: from the lower corner of the box to any point."""
-    start = {one.name: one.box[0] for one in parameters}
+    """Paths for the reduction of inelastic bodies: from the corner of the box with the smallest loads to any point."""
+    start = {one.name: min(one.box, key=abs) for one in parameters}
     to = {one.name: one.name for one in parameters}
-    yield "# load paths for hhr reduce: from the lower corner of the box to any of its points"
+    yield "# load paths for hhr reduce: from the smallest loads of the box to any of its points"
     yield "PATHS = hhr.PathFamily("
     yield f"    'loading', scene.parameters, scene.parameters, {start!r}, (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),)"
     yield ")"

@@ -363,6 +363,9 @@ def test_check_knows_the_places_of_constraints(tmp_path):
 ROUND = {
     "ball": ("REVOLUTION, FILLET RADIUS=.1", "2., .5, 6., 2., .5, 7.\nSTART, 5., 0.\nCIRCL, 0., -5., 0., 0.\n",
              {"kind": "Sphere", "center": (2.0, 0.5, "6 - down"), "radius": 5.0}),
+    # arcs of 3 degrees, whose chords are within 1.7e-4 of this radius of 0.5
+    "pin": ("REVOLUTION", "2.02, .48, 1.5, 2.02, .48, 2.5\nSTART, .5, 3.\nLINE, .5, 0.\nCIRCL, 0., -.5, 0., 0.\n",
+            {"kind": "Sphere", "center": (2.02, 0.48, "1.5 - down"), "radius": 0.5}),
     "roller": ("CYLINDER", "2., .5, 6., 3., .5, 6.\n2., 1., 6.\nSTART, -5., 0.\nCIRCL, 0., -5., 0., 0.\n"
                "CIRCL, 5., 0., 0., 0.\n",
                {"kind": "Cylinder", "point": (2.0, 0.5, "6 - down"), "axis": (0, 1, 0), "radius": 5.0}),
@@ -375,7 +378,7 @@ ROUND = {
 @needs("obstacles")
 @pytest.mark.parametrize("name", ROUND)
 def test_analytical_rigid_surfaces_in_space(name, tmp_path):
-    """They press as spheres, cylinders and cones do; arcs and turns of facets are off by 1e-3 at most."""
+    """They press as spheres, cylinders and cones do; arcs and turns of facets are off by little."""
     kind, lines, exact = ROUND[name]
     tool = f"*NODE\n900, 2., .5, 9.\n*SURFACE, TYPE={kind}, NAME=TOOL\n{lines}"
     tool += "*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900\n*SURFACE INTERACTION, NAME=I\n"
@@ -389,7 +392,8 @@ def test_analytical_rigid_surfaces_in_space(name, tmp_path):
     answer = solved(scene)[1]
     known = hhr.FullOrderModel(reference).solve([0.01])
     assert known.forces().sum() > 0.01
-    assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=2e-3)
+    near = 1.7e-2 if name == "pin" else 2e-3  # 1.7e-4 over the depth of 0.01
+    assert answer.forces().sum() == pytest.approx(known.forces().sum(), rel=near)
     assert answer.active.sum() == known.active.sum()
 
 
@@ -483,3 +487,35 @@ def test_local_axes_without_a_counterpart(lines, said, tmp_path):
     """Forces around an axis, and sets of which some nodes alone have local axes."""
     _, output = started(tmp_path, bar("*DLOAD\n4, P4, 1.").replace("*STEP", f"{lines}*STEP", 1))
     assert said in output
+
+
+@needs("obstacles")
+def test_a_body_in_a_hole_beside_a_larger_one(tmp_path):
+    """The block is in the sphere, though most nodes of the deck are not; friction does not drag it, which is said."""
+    lines = block_lines("LOWER", 1, (-0.5, -0.5, -4.9), (0.5, 0.5, -4.0), (2, 2, 1))
+    lines += block_lines("PLATE", 2001, (20.0, 0.0, 0.0), (21.0, 1.0, 1.0), (5, 5, 5))
+    lines += ["*MATERIAL, NAME=M", "*ELASTIC", "1000., .3", "*SOLID SECTION, ELSET=LOWER, MATERIAL=M"]
+    lines += ["*SOLID SECTION, ELSET=PLATE, MATERIAL=M", "*NODE", "900, 0., 0., 0."]
+    lines += [
+        "*SURFACE, TYPE=REVOLUTION, NAME=TOOL",
+        "0., 0., 0., 0., 0., 1.",
+        "START, 0., -5.",
+        "CIRCL, 5., 0., 0., 0.",
+    ]
+    lines += ["*RIGID BODY, ANALYTICAL SURFACE=TOOL, REF NODE=900", "*SURFACE INTERACTION, NAME=I", "*FRICTION", ".2"]
+    lines += ["*CONTACT PAIR, INTERACTION=I", "LOWER_BOTTOM, TOOL", "*BOUNDARY", "LOWER_Z1, 1, 2", "PLATE_Z0, 1, 3"]
+    lines += ["LOWER_Z1, 3, 3, -.12", "*STEP", "*STATIC", "*BOUNDARY", "900, 1, 1, 0.01", "*END STEP"]
+    scene, output = started(tmp_path, "\n".join(lines) + "\n")
+    assert scene.contacts[0].inside
+    assert output.count("TODO") == 1 and "does not drag it by friction" in output
+
+
+def test_a_rigid_element_without_its_nodes(tmp_path):
+    """The node that is missing is named."""
+    tool = "*NODE\n900, 0., 0., 3.\n*ELEMENT, TYPE=R3D4, ELSET=TOOL\n800, 900, 901, 902, 903\n"
+    tool += "*SURFACE, NAME=T\nTOOL, SPOS\n"
+    tool += "*RIGID BODY, ELSET=TOOL, REF NODE=900\n*SURFACE INTERACTION, NAME=I\n"
+    tool += "*CONTACT PAIR, INTERACTION=I\nBAR_TOP, T\n"
+    (tmp_path / "deck.inp").write_text(bar("*CLOAD\nBAR_X1, 1, 1.").replace("*STEP", tool + "*STEP", 1))
+    code, output = invoke("start", tmp_path / "deck.inp")
+    assert code and "node 901 of an element or a set is not in the deck" in output

@@ -46,6 +46,8 @@ def forces(value, numbers=NODES):
       [(0, 0), (0.5, -10), (1, -2.5)]),
      ("*AMPLITUDE, NAME=A, TIME=TOTAL TIME, TIME DELAY=0.5\n0., 0., 1., 1., 2., 0.\n*DLOAD, AMPLITUDE=A\n4, P4, -10.\n"
       + STEP.format("2.") + "*DLOAD, AMPLITUDE=A\n4, P4, -10.", [(0, 0), (0.5, 0), (1.5, -10), (2.5, 0), (3, 0)]),
+     ("*AMPLITUDE, NAME=A, TIME=TOTAL TIME\n0., 0., 1., 1., 2., .2, 3., 1.1\n*DLOAD, AMPLITUDE=A\n4, P4, -10.\n"
+      + STEP.format("1.") * 2 + "*NODE PRINT, NSET=ALL", [(0, 0), (1, -10), (2, -2), (3, -11)]),
      ("*DLOAD\n4, P4, -10.\n" + STEP.format("2.").replace("*STEP", "*STEP, AMPLITUDE=STEP") + "*DLOAD\n4, P4, -4.",
       [(0, 0), (1, -10), (1.002, -4), (3, -4)])],
 )  # fmt: skip
@@ -67,9 +69,11 @@ def test_a_plastic_bar_follows_its_steps(step, path, tmp_path):
 
 
 def test_one_step_needs_no_history(tmp_path):
-    """Of one ramp from rest, and of elastic bodies without friction, the end counts."""
+    """Of one ramp from rest, and of elastic bodies without friction, the end counts; paths start with small loads."""
     name, _ = started(tmp_path, bar("*DLOAD\n4, P4, -10.", PLASTIC))
-    assert beside(name, "PATHS").name == "loading"
+    family = beside(name, "PATHS")
+    assert family.name == "loading"
+    assert [values[0] for _, values in family.path([-10.0])][:2] == pytest.approx([-8.0, -8.5])
     (tmp_path / "elastic").mkdir()
     name, _ = started(tmp_path / "elastic", bar("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD\n4, P4, -4."))
     assert beside(name, "PATHS") is None
@@ -122,6 +126,11 @@ def test_what_changes_beside_three_parameters(tmp_path):
       "nodes of it have values of an earlier step too"),
      ("*BOUNDARY\nBAR_X1, 1, 1, .1\n" + STEP.format("1.") + "*BOUNDARY, OP=NEW\nBAR_X0, 1\nBAR_Y0, 2\nBAR_Z0, 3",
       "it holds in some of the steps: here in all of them"),
+     ("*CLOAD\nBAR_X1, 1, 2.5\n" + STEP.format("1.") + "*BOUNDARY, FIXED\nBAR_X1, 1\n*CLOAD, OP=NEW",
+      "it holds in some of the steps: here in all of them"),
+     ("*CLOAD\n" + forces(0.5) + "BAR_X1, 1, 1.\nBAR_X1, 1, 1.2\n" + STEP.format("1.") + "*CLOAD\n"
+      + forces(0.2, NODES[:2]) + "BAR_X1, 1, .4\nBAR_X1, 1, .7",
+      "rows of one block impose one quantity twice"),
      ("*AMPLITUDE, NAME=A\n" + "\n".join(f"{0.005 * k!r}, {k % 2}" for k in range(200))
       + "\n*DLOAD, AMPLITUDE=A\n4, P4, -10.", "200 times of steps and amplitudes are more than 100")],
 )  # fmt: skip
@@ -129,3 +138,63 @@ def test_what_has_no_course_is_said(step, said, tmp_path):
     """Sets of which a later step gives some nodes anew, supports that are released, measured curves."""
     _, output = started(tmp_path, bar(step, PLASTIC))
     assert said in output
+
+
+def test_creep_under_loads_that_are_there_at_once(tmp_path):
+    """As in CalculiX 2.20, *VISCO does not ramp: u = L (p / E + A p^3 t), after 9 and 3 for a second each."""
+    step = ("*DLOAD\n4, P4, -9.\n" + STEP.format("1.") + "*DLOAD\n4, P4, -3.").replace("STATIC", "VISCO")
+    creep = "*CREEP, LAW=NORTON\n1e-5, 3., 0.\n"
+    name, output = started(tmp_path, bar(step, creep).replace("*STATIC", "*VISCO"))
+    assert "TODO" not in output
+    rows = marched(name, tmp_path)
+    crept = 1e-5 * np.cumsum([9.0**3, 3.0**3])
+    across = [0.3 * p / 1000 + 0.5 * own for p, own in zip((9, 3), crept, strict=True)]
+    exact = [np.hypot(4 * (p / 1000 + own), np.sqrt(2) * b)
+             for p, own, b in zip((9, 3), crept, across, strict=True)]  # fmt: skip
+    assert rows["largest_displacement"][np.isin(rows["time_s"].round(9), (1, 2))] == pytest.approx(exact, rel=1e-3)
+    (tmp_path / "ramped").mkdir()
+    ramped, output = started(tmp_path / "ramped", bar(step.replace("*STEP", "*STEP, AMPLITUDE=RAMP"), creep))
+    assert "*STATIC: bodies creep in this step too" in output
+    np.testing.assert_allclose(corners(ramped)[1], [(0, 0), (1, -9), (2, -3)], atol=1e-9)
+
+
+def marched(name, folder):
+    """Table of the path of a scene file."""
+    assert invoke("march", name, "--out", folder / "steps.csv")[0] == 0
+    return np.genfromtxt(folder / "steps.csv", delimiter=",", names=True)
+
+
+def test_temperatures_of_steps(tmp_path):
+    """Each counts from the initial one: the end moves by alpha L (T - 20), which is not in proportion to T."""
+    step = "*TEMPERATURE\nALL, 120.\n" + STEP.format("1.") + "*TEMPERATURE\nALL, 50.\n" + STEP.format("1.")
+    more = PLASTIC + "*EXPANSION\n1e-4\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20.\n"
+    name, output = started(tmp_path, bar(step + "*TEMPERATURE, OP=NEW\nALL, 80.", more))
+    assert "TODO" not in output
+    np.testing.assert_allclose(corners(name)[1], [(0, 0), (1, 100), (2, 30), (3, 60)], atol=1e-9)
+
+
+def test_amplitudes_that_add_up(tmp_path):
+    """One load of a step follows its amplitude and another one on the same nodes a ramp."""
+    step = "*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .5\n*CLOAD, AMPLITUDE=A\nBAR_X1, 1, 1.5\n*CLOAD\nBAR_X1, 1, 1."
+    name, _ = started(tmp_path, bar(step, PLASTIC))
+    family = beside(name, "PATHS")
+    table = {time: sum(values) for time, values in family.path(family.own.middle)}
+    assert [table[0.5], table[1.0]] == pytest.approx([2.0, 1.75])
+
+
+@pytest.mark.parametrize("kind", ["DEFINITION=PERIODIC", "VALUE=ABSOLUTE"])
+def test_amplitudes_that_are_no_factors(kind, tmp_path):
+    """They are refused with their line."""
+    step = f"*AMPLITUDE, NAME=A, {kind}\n0., 0., 1., 1.\n*DLOAD, AMPLITUDE=A\n4, P4, -10."
+    (tmp_path / "deck.inp").write_text(bar(step, PLASTIC))
+    code, output = invoke("start", tmp_path / "deck.inp")
+    assert code and f"*AMPLITUDE: {kind} has no counterpart" in output
+
+
+def test_steps_without_loads(tmp_path):
+    """If no load of them is read, moduli are parameters, as of one step."""
+    step = "*CLOAD\n77, 1, 2.\n" + STEP.format("1.") + "*CLOAD\n77, 1, 1."
+    name, output = started(tmp_path, bar(step, PLASTIC))
+    assert "'77' is no node of the mesh" in output
+    assert scene_of(name).parameters.names == ("young",)
+    assert beside(name, "PATHS").name == "loading"

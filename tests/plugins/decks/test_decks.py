@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from deck_texts import bar, blocks
+from deck_texts import STEEL, bar, block_lines, blocks
 from mpi4py import MPI
 from needs import needs
 from scenes import slope
@@ -437,3 +437,41 @@ def test_a_file_that_is_there_stays(tmp_path):
     assert code == 0 and "force, middle of its box: 2.5" in output
     assert invoke("check", tmp_path / "deck.py", "--picture", tmp_path / "deck.png")[0] == 0
     assert invoke("start", tmp_path / "none.inp")[0] == 3
+
+
+def test_a_part_in_two_instances(tmp_path):
+    """A section in a part is one of each of its instances; the upper cube presses the lower one, u = -2 p / E."""
+    part = ["*PART, NAME=CUBE", *block_lines("CUBE", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))]
+    part += ["*SOLID SECTION, ELSET=CUBE, MATERIAL=STEEL", "*END PART", "*ASSEMBLY, NAME=A"]
+    part += ["*INSTANCE, NAME=LOW, PART=CUBE", "*END INSTANCE", "*INSTANCE, NAME=UP, PART=CUBE", "0., 0., 1."]
+    part += ["*END INSTANCE", "*END ASSEMBLY", STEEL.format(poisson=0.3, more="*EXPANSION, TYPE=ORTHO\n1e-5, 0., 0.")]
+    part += ["*CONTACT PAIR", "UP.CUBE_BOTTOM, LOW.CUBE_TOP", "*BOUNDARY", "LOW.CUBE_Z0, 3"]
+    part += [f"{name}.CUBE_{side}0, {axis}" for name in ("LOW", "UP") for axis, side in ((1, "X"), (2, "Y"))]
+    text = "\n".join([*part, "*STEP", "*STATIC", "*DSLOAD", "UP.CUBE_TOP, P, 10.", "*END STEP"])
+    name, output = started(tmp_path, text + "\n")
+    assert output.count("TODO") == 1 and "TYPE=ORTHO: its first number counts in all directions" in output
+    full, answer = solved(name)
+    assert end(full, answer, (1.0, 1.0, 2.0)) == pytest.approx((0.003, 0.003, -0.02), rel=1e-9)
+
+
+def test_a_body_with_a_law_on_another_one(tmp_path):
+    """Contact alone would hold it: soft springs do, and change u = -2 p / E by less than a thousandth."""
+    text = blocks("*DSLOAD\nUPPER_TOP, P, 1.").replace("1000., 0.0\n", "1000., 0.0\n*PLASTIC\n8., 0.\n12., 0.04\n")
+    name, output = started(tmp_path, text)
+    assert output.count("TODO") == 1 and "soft springs are added" in output
+    full, answer = solved(name)
+    assert end(full, answer, (1.0, 1.0, 2.0))[2] == pytest.approx(-0.002, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "right", "wrong"), [("CPE4", "0., 0., 1.", "0., 1., 0."), ("CAX4", "0., 1., 0.", "0., 0., 1.")]
+)
+def test_axes_of_rotation_in_two_dimensions(kind, right, wrong, tmp_path):
+    """The normal of the plane, or the axis of symmetry; no force stands for another one."""
+    text = f"*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n"
+    text += STEEL.format(poisson=0.3, more="*DENSITY\n2.\n") + "*SOLID SECTION, ELSET=BODY, MATERIAL=STEEL\n"
+    text += "*BOUNDARY\n1, 1, 2\n4, 1, 2\n*STEP\n*STATIC\n*DLOAD\nBODY, CENTRIF, 3., 0., 0., 0., AXIS\n*END STEP\n"
+    scene, output = started(tmp_path, text.replace("AXIS", right), "right.inp")
+    assert "TODO" not in output and type(scene.loads[0]) is hhr.Centrifugal
+    scene, output = started(tmp_path, text.replace("AXIS", wrong), "wrong.inp")
+    assert "in two dimensions bodies rotate about the axis" in output and not scene.loads
