@@ -91,11 +91,13 @@ def _contents_of(name: str, picture: Path | None) -> str:
         found = f"{found}\n  the cells are shells in space, which are not supported: mesh the volume of the bodies"
     elif not raw.all_surfaces():
         found = f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
+    geometry = f"its geometry, hhr.MeshFile({name!r})"
     if (folded := offered("folded")) and (said := folded(raw, name)):
         found = f"{found}\n{said}"
+        geometry = "this geometry"
     if picture is not None:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 
         figure_of_mesh(raw, Path(name).name).savefig(picture, dpi=150)
         found = f"{found}\npicture: {picture}"
-    return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"
+    return f"{found}\nA scene names these as Body, contacts and loads of {geometry}"

@@ -32,10 +32,11 @@ WIDTH = 12
 @KNOWN
 @guarded
 def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]) -> None:
-    """Follow a path of PATHS, a hhr.PathFamily in the file of a SCENE, and show the answer at each of its steps.
+    """Follow load steps, PATHS in the file of a SCENE, and show the answer at each of them.
 
-    Answers of bodies with laws and of contacts with friction depend on the path. Without --at it is that of the middle
-    of the family's own parameters.
+    Answers of bodies with laws and of contacts with friction depend on the path. PATHS is a hhr.PathFamily, whose box
+    has a path for each of its points: --at names one, and without it the middle of that box is taken. hhr start writes
+    PATHS of the steps of a deck.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of, point_of, scene_of
     from hhr_dolfinx.files import replacing

@@ -68,6 +68,13 @@ def test_a_model_answers_the_same(scene, tmp_path):
     assert output == full
 
 
+def test_solve_refers_to_the_paths(scene):
+    """Its answer is that of one step from rest, which is not that of the steps."""
+    code, output = invoke("solve", scene)
+    assert code == 0
+    assert f"one step from rest: hhr march {scene} follows" in " ".join(output.split())
+
+
 def test_fields_of_all_steps(scene, tmp_path):
     """A file for each step, which ParaView opens as one."""
     assert invoke("march", scene, "--out", tmp_path / "fields.vtu")[0] == 0
