@@ -114,4 +114,5 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
             click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
     if out is not None:
-        write(out, model, answer)
+        written, *_ = write(out, model, answer)
+        click.echo(f"fields: {written}")

@@ -67,10 +67,12 @@ def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | No
         for answer in history.answers:
             show(answer)
     if write_fields is not None:
-        write_fields(out, answering, history)
+        collection, *_ = write_fields(out, answering, history)
+        click.echo(f"fields: {collection}")
     elif out is not None and first_rank():
         with replacing(out, text=True) as file:
             csv.writer(file).writerows([list(rows[0]), *(row.values() for row in rows)])
+        click.echo(f"table: {out}")
 
 
 def family_of(scene: str) -> PathFamily:
