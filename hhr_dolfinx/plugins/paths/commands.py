@@ -35,8 +35,8 @@ def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | No
     """Follow load steps, PATHS in the file of a SCENE, and show the answer at each of them.
 
     Answers of bodies with laws and of contacts with friction depend on the path. PATHS is a hhr.PathFamily, whose box
-    has a path for each of its points: --at names one, and without it the middle of that box is taken. hhr start writes
-    PATHS of the steps of a deck.
+    has a path for each of its points: without --at it is the middle of that box. hhr start writes PATHS of the steps of
+    a deck.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of, point_of, scene_of
     from hhr_dolfinx.files import replacing
