@@ -140,6 +140,7 @@ def folded(raw: RawMesh) -> np.ndarray:
     if raw.sides is None or raw.points.shape[1] != raw.dim:
         return np.zeros(0, dtype=np.int64)
     sides = _Sides.of(raw, 2)
+    # the sign of the mean is that of the order of the nodes, which differs between formats
     found = [
         rows[(values * np.sign(values.mean(axis=1))[:, None]).min(axis=1) < -FOLDED * np.abs(values).max(axis=1)]
         for rows, values in sides.jacobians(sides.curved, raw.points)
@@ -208,10 +209,12 @@ class _Sides:
 
     def bad(self, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Rows of the cells among some that are folded or nearly so with the nodes at ``points``."""
-        straight = self.jacobians(rows, self.middles)
+        # relative to the cell with straight sides, whose Jacobians have one sign, that of the order of its nodes
         found = [
-            own[(values * np.sign(least[:, :1])).min(axis=1) < BAD * np.abs(least).min(axis=1)]
-            for (own, values), (_, least) in zip(self.jacobians(rows, points), straight, strict=True)
+            part[(values * np.sign(straight[:, :1])).min(axis=1) < BAD * np.abs(straight).min(axis=1)]
+            for (part, values), (_, straight) in zip(
+                self.jacobians(rows, points), self.jacobians(rows, self.middles), strict=True
+            )
         ]
         return np.concatenate([rows[:0], *found])
 
@@ -238,7 +241,7 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
     """
     points = raw.points
     same = _coinciding(points, np.unique(sides.nodes))
-    parts = np.zeros(len(points), dtype=np.int64)
+    parts = np.zeros(len(points), dtype=np.int64)  # of the way that each node has gone
     while bad.size:
         moving = np.isin(same, same[sides.nodes[bad]])
         parts[moving] = np.minimum(parts[moving] + 1, PARTS)
