@@ -83,7 +83,7 @@ def family_of(scene: str) -> PathFamily:
 
     found = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
     if found is None:
-        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) beside the scene")
+        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) in its file, or call hhr solve")
     return found
 
 

@@ -117,4 +117,4 @@ def test_a_scene_without_paths(scene):
     scene.write_text(SCENE[: SCENE.index("PATHS")])
     code, output = invoke("march", scene)
     assert code == 3
-    assert "put PATHS = hhr.PathFamily(...) beside the scene" in output
+    assert "put PATHS = hhr.PathFamily(...) in its file, or call hhr solve" in output
