@@ -103,11 +103,13 @@ def _joined(
     # combinations that vanish on imposed dofs and break no constraint
     of_whole, of_parts = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (whole, apart))
     if len(of_parts) > len(of_whole):
-        body = replace(body, parts=tuple(parts))
-        columns, left = apart, of_parts
-    else:
-        columns, left = whole, of_whole
-    return replace(body, motions=columns.T.reshape(-1, *points.shape)[:, nodes], left=left)
+        return replace(body, parts=tuple(parts), motions=_at_nodes(apart, points, nodes), left=of_parts)
+    return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)
+
+
+def _at_nodes(columns: np.ndarray, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Motions on all nodes, (nodes dim, k), at some nodes: (k, n, dim)."""
+    return columns.T.reshape(-1, *points.shape)[:, nodes]
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
