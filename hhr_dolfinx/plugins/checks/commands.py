@@ -86,7 +86,8 @@ def _contents_of(name: str, picture: Path | None) -> str:
     if pairs:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
-        found = f"{found}\n  surfaces that face each other, for contacts, with the smallest gaps of flat facets:\n{lines}{more}"
+        title = "surfaces that face each other, for contacts, with the smallest gaps of flat facets"
+        found = f"{found}\n  {title}:\n{lines}{more}"
     elif raw.points.shape[1] > raw.dim:
         found = f"{found}\n  the cells are shells in space, which are not supported: mesh the volume of the bodies"
     elif not raw.all_surfaces():
