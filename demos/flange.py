@@ -34,7 +34,7 @@ AREA = np.pi * BORE**2 / 4
 """Area of the cover on which the pressure acts, in mm^2, of the quarter."""
 BOLT, FACES = "force 1", "force 0"
 """Outputs of the scene: force under the head, which is that of the bolt, and between the faces, in N."""
-BOX = "parameters=hhr.ParameterSpace(('preload', 'pressure'), (0.03, 0.0), (0.12, 40.0)),"
+BOX = 'parameters=hhr.ParameterSpace(("preload", "pressure"), lower=(0.03, 0.0), upper=(0.12, 40.0)),'
 """The only line of the scene that is edited: shortening of the bolt in mm, and pressure in MPa."""
 PRELOADS = 0.03, 0.06, 0.09, 0.12
 

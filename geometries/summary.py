@@ -73,10 +73,17 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
 
 
 def _lines(sets: Mapping[str | int, tuple[int, np.ndarray]], dim: int, points: np.ndarray) -> Lines:
-    """Names, counts and positions of sets, given by counts and nodes."""
+    """Names, counts and positions of sets, given by counts and nodes; a number of a set with a name stands after it."""
+    content = {name: (count, np.asarray(nodes).tobytes()) for name, (count, nodes) in sets.items()}
+    named = {content[name] for name in sets if isinstance(name, str)}
+    numbers = {content[name]: name for name in sets if not isinstance(name, str)}
     return tuple(
-        (str(name), f"{counted(count, dim)}, {_extent(points[np.unique(nodes)])}")
+        (
+            f"{name} ({numbers[content[name]]})" if content[name] in numbers and isinstance(name, str) else str(name),
+            f"{counted(count, dim)}, {_extent(points[np.unique(nodes)])}",
+        )
         for name, (count, nodes) in sets.items()
+        if isinstance(name, str) or content[name] not in named
     )
 
 

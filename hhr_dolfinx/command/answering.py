@@ -63,7 +63,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
     scene is solved in the middle of its box.
     """
-    from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
+    from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of, scene_of
 
     in_file = is_model(what)
     if out is not None and in_file:
@@ -111,5 +111,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
             click.echo(f"{name}: {value:.6g}")
         if unique:
             click.echo(f"answers with {model.law.name}: {unique}")
+        if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
+            click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
     if out is not None:
-        write(out, model, answer)
+        written, *_ = write(out, model, answer)
+        click.echo(f"fields: {written}")

@@ -92,7 +92,7 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
     elif missing:
         ends = zip(space.names, space.lower, space.upper, strict=True)
         bounds = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, low, high in ends if name in missing)
-        raise ParameterError(f"no value is given for {bounds}: add --at {missing[0]}=...")
+        raise ParameterError(f"no value is given for {bounds}: add --at {','.join(f'{name}=...' for name in missing)}")
     return found
 
 

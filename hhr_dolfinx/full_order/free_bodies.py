@@ -21,6 +21,8 @@ from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
 """Part of the largest effect of a motion, or of a load, up to which it is round-off."""
+ALIKE = 1e-10
+"""Relative difference from imposed values up to which a rigid motion has the same values."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class FreeBody:
     name: str  # of its bodies, for messages
     nodes: np.ndarray
     motions: np.ndarray  # all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
-    left: np.ndarray  # compatible with imposed displacements and constraints, orthonormal combinations, (l, k)
+    left: np.ndarray  # motions that supports and constraints leave: orthonormal combinations of all of them, (l, k)
     parts: tuple[FreeBody, ...] = ()  # joined components with all of their motions, in the order of the motions
 
     def columns(self, count: int) -> np.ndarray:
@@ -71,6 +73,7 @@ def free_bodies(
 
 def _kernel(rows: np.ndarray) -> np.ndarray:
     """Orthonormal combinations, (l, k), of columns, (n, k) of size 1, on which rows vanish."""
+    # rows of zeros give all of the k singular vectors, also for less than k rows
     _, sizes, ways = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), full_matrices=False)
     return ways[sizes <= ALMOST_NONE * np.sqrt(max(len(rows), 1))]
 
@@ -89,17 +92,24 @@ def _groups(components: list[FreeBody], followers: Followers, points: np.ndarray
 def _joined(
     parts: list[FreeBody], followers: Followers, points: np.ndarray, imposed: np.ndarray, hypothesis: str
 ) -> FreeBody:
-    """One body of several components, whose motions satisfy the constraints: those of it as a whole, or of parts."""
+    """One body of several components, whose motions satisfy the constraints.
+
+    They are those of the body as a whole, unless constraints let its parts move in more ways, as a hinge does.
+    """
     nodes = np.sort(np.concatenate([one.nodes for one in parts]))
-    whole = rigid_motions(points[nodes], hypothesis)
-    alone = FreeBody(" with ".join(one.name for one in parts), nodes, whole, np.eye(len(whole)))
-    moving, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([alone], parts))
-    left, own = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (moving, apart))
-    if len(own) > len(left):
-        moving = apart
-        left = own
-        alone = replace(alone, parts=tuple(parts))
-    return replace(alone, motions=moving.T.reshape(-1, *points.shape)[:, nodes], left=left)
+    motions = rigid_motions(points[nodes], hypothesis)
+    body = FreeBody(" with ".join(one.name for one in parts), nodes, motions, np.eye(len(motions)))
+    whole, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts))
+    # combinations that vanish on imposed dofs and break no constraint
+    of_whole, of_parts = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (whole, apart))
+    if len(of_parts) > len(of_whole):
+        return replace(body, parts=tuple(parts), motions=_at_nodes(apart, points, nodes), left=of_parts)
+    return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)
+
+
+def _at_nodes(columns: np.ndarray, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Motions on all nodes, (nodes dim, k), at some nodes: (k, n, dim)."""
+    return columns.T.reshape(-1, *points.shape)[:, nodes]
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
@@ -143,10 +153,6 @@ def described(body: FreeBody, ways: np.ndarray) -> str:
         turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
         parts.append("turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}")
     return ", ".join(parts)
-
-
-ALIKE = 1e-10
-"""Relative difference from imposed values up to which a rigid motion has the same values."""
 
 
 def rigid_lifts(

@@ -518,6 +518,14 @@ def test_a_summary_of_a_file(beam):
     assert text.endswith("    TABLE  1 element of type S4 in it, neither cells nor sides of cells")
 
 
+def test_a_number_of_a_named_set_stands_after_its_name(beam):
+    """As in files of gmsh; a number of other cells, and two names of one set, have a line each."""
+    raw = hhr.MeshFile(beam).read()
+    upper = raw.bodies["UPPER"]
+    lines = summary_of(replace(raw, bodies={7: upper, "UPPER": upper, "TOP": upper, 8: raw.bodies["LOWER"]}), beam)
+    assert [name for name, _ in lines.parts["bodies"]] == ["UPPER (7)", "TOP (7)", "8"]
+
+
 @needs("nonmatching")
 @pytest.mark.parametrize(
     ("tag", "why"),

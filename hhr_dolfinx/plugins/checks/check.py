@@ -222,7 +222,7 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose, problem.followers)
     for body in free:
         found.note(
-            f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
+            f"{body.name} is held by contact alone: without contact it {described(body, body.left)}. If that is not "
             "meant, hold it by a Displacement"
         )
     if not free:

@@ -86,16 +86,19 @@ def _contents_of(name: str, picture: Path | None) -> str:
     if pairs:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
-        found = f"{found}\n  surfaces that face each other, for contacts, with their smallest gaps:\n{lines}{more}"
+        title = "surfaces that face each other, for contacts, with the smallest gaps of flat facets"
+        found = f"{found}\n  {title}:\n{lines}{more}"
     elif raw.points.shape[1] > raw.dim:
         found = f"{found}\n  the cells are shells in space, which are not supported: mesh the volume of the bodies"
     elif not raw.all_surfaces():
         found = f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
+    geometry = f"its geometry, hhr.MeshFile({name!r})"
     if (folded := offered("folded")) and (said := folded(raw, name)):
         found = f"{found}\n{said}"
+        geometry = "this geometry"
     if picture is not None:
         from hhr_dolfinx.plugins.checks.drawing import figure_of_mesh
 
         figure_of_mesh(raw, Path(name).name).savefig(picture, dpi=150)
         found = f"{found}\npicture: {picture}"
-    return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"
+    return f"{found}\nA scene names these as Body, contacts and loads of {geometry}"

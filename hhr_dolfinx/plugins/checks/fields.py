@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -29,7 +31,7 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
-            are listed with their times in a collection next to them, ``.pvd``.
+            are listed with their times in a collection next to them, ``.pvd``, or ``.vtkhdf.series``.
         full: the model of the mesh, on one rank; the answers may be those of a reduced model of its scene.
         answer: an answer, or a history.
 
@@ -57,13 +59,23 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
     names = [path.with_stem(f"{path.stem}_{k:04d}") for k in range(len(steps))]
     for name, step in zip(names, steps, strict=True):
         _written(name, grid_of(full, step))
-    collection = path.with_suffix(".pvd")
+    times = {name.name: step.time for name, step in zip(names, steps, strict=True)}
+    return [_collection(path, times), *names]
+
+
+def _collection(path: Path, times: Mapping[str, float]) -> Path:
+    """Write the list of the files of steps with their times; ParaView reads no ``.vtkhdf`` from a ``.pvd``."""
+    if path.suffix == ".vtu":
+        collection = path.with_suffix(".pvd")
+        rows = [f'<DataSet timestep="{time:.17g}" file={quoteattr(name)}/>\n' for name, time in times.items()]
+        text = f'<VTKFile type="Collection" version="0.1"><Collection>\n{"".join(rows)}</Collection></VTKFile>\n'
+    else:
+        collection = path.with_name(f"{path.name}.series")
+        files = [{"name": name, "time": time} for name, time in times.items()]
+        text = json.dumps({"file-series-version": "1.0", "files": files}, indent=1)
     with replacing(collection, text=True) as file:
-        file.write('<VTKFile type="Collection" version="0.1"><Collection>\n')
-        for name, step in zip(names, steps, strict=True):
-            file.write(f'<DataSet timestep="{step.time:.17g}" file={quoteattr(name.name)}/>\n')
-        file.write("</Collection></VTKFile>\n")
-    return [collection, *names]
+        file.write(text)
+    return collection
 
 
 def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:

@@ -34,11 +34,12 @@ class Serendipity:
         if cells.shape[1] not in CELLS:
             raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")
         middle, others, shares = _middles(CELLS[cells.shape[1]])
-        found, first = np.unique(cells[:, middle], return_index=True)
+        # the middle of a face between two cells is determined once, by the first of them
+        nodes, first = np.unique(cells[:, middle], return_index=True)
         cell, place = np.unravel_index(first, (len(cells), middle.size))
         (dim,) = assembler.test.ufl_shape
-        count = dim * found.size
-        dofs = (dim * found[:, None] + np.arange(dim)).ravel()
+        count = dim * nodes.size
+        dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
         entries = [(np.ones(count), np.arange(count), dofs)]
         for k, node in enumerate(others):
             columns = (dim * cells[cell, node][:, None] + np.arange(dim)).ravel()
@@ -48,14 +49,21 @@ class Serendipity:
 
 
 def _middles(cell: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes in the middle of faces and of the cell, (m,), corners and nodes of edges, (n,), and shares, (m, n)."""
+    """Nodes in the middle of faces and of the cell, (m,), corners and nodes of edges, (n,), and shares, (m, n).
+
+    The value in the middle is that of the shape functions of the serendipity element there: -1/4 at each corner, and
+    1/2 at the edges of a face, or 1/4 at those of a hexahedron.
+    """
     edges, faces = (np.array(part) for part in compat.topology(cell))
     corners = int(edges.max()) + 1
-    ends = np.concatenate([np.arange(corners)[:, None].repeat(2, axis=1), edges])
-    whole = [np.arange(corners)]
-    sides = [*faces, *whole] if cell == "hexahedron" else whole
-    inside = np.array([np.isin(ends, side).all(axis=1) for side in sides])
-    shares = inside * np.where(np.arange(len(ends)) < corners, -0.25, 0.5 if cell == "quadrilateral" else 0.25)
+    ends = np.concatenate([np.arange(corners)[:, None].repeat(2, axis=1), edges])  # corners on both sides of each node
+    whole = np.arange(corners)
     if cell == "hexahedron":
-        shares[: len(faces), corners:] *= 2
+        sides = [*faces, whole]
+        of_edges = np.array([*[0.5] * len(faces), 0.25])
+    else:
+        sides = [whole]
+        of_edges = np.array([0.5])
+    on_side = np.array([np.isin(ends, side).all(axis=1) for side in sides])
+    shares = on_side * np.where(np.arange(len(ends)) < corners, -0.25, of_edges[:, None])
     return len(ends) + np.arange(len(sides)), np.arange(len(ends)), shares

@@ -85,5 +85,8 @@ def _without_folds(deck: Deck, raw: RawMesh) -> Deck:
 
     if not (count := len(folded(raw))):
         return deck
-    why = f"{count} cells are folded, and hhr.Untangled straightens them: look at it, how='gmsh' bends others instead"
+    why = (
+        f"{count} cells are folded, and hhr.Untangled moves the middles of their sides: hhr check says how far. "
+        "how='gmsh' moves nodes inside of bodies instead"
+    )
     return replace(deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", why)))

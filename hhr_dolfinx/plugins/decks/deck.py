@@ -110,4 +110,5 @@ class Deck:
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
     history: History | None = None  # None where the end of the last step is all that counts
     folded: bool = False  # True for a mesh with folded cells of second order
+    proposal: bool = False  # True if the file is a mesh without physics, for which supports and loads are proposed
     sides: bool = False  # names of sides of bodies that the file does not have are used

@@ -26,11 +26,11 @@ from hhr_dolfinx.plugins.decks.inp_steps import (
 MOST = 100
 """Times of a history. More are those of a measured curve; the scene then has the end of the last step alone."""
 SUDDEN = 1e-3
-"""Part of a step in which loads rise that are there at once: a path cannot jump."""
+"""Part of a step over which sudden loads rise, as a path cannot jump."""
 SAME = 1e-9
 """Difference of times over the last one up to which they are one, and of values over their size."""
 Name = tuple[Hashable, ...]
-"""What tells a row of a deck from others; of a support its place and component, which each step gives anew."""
+"""Identity of a row of a deck over its steps; of a support its place and component, which each step gives again."""
 
 
 def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Imposed]], Deck]) -> Deck:
@@ -44,26 +44,27 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     if len(times) < 2:
         return deck
     if len(times) > MOST:
-        return _without(deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}")
+        return _with_one_step(deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}")
     states = _states(found, times)
     items, factors = _courses(states, merged=True)
-    if not _whole(items, factors):
+    if not _one_course_by_name(items, factors):
+        # a later step gives only some nodes of a block again: rows of different blocks stay apart
         items, factors = _courses(states, merged=False)
     # all that acts at some time, each with its largest value
     largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
     # at rest nothing acts, and temperatures are the initial ones
     rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
-    then = [
+    acting = [
         [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
     ]
-    decks = [read(state) for state in (rest, *then)]
+    decks = [read(state) for state in (rest, *acting)]
     largest = _with_temperatures(largest, decks)
     amounts = _amounts(largest)
     if len(amounts) < sum(map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))):
-        return _without(deck, steps[-1], "rows of one block impose one quantity twice")
-    rows = [_shares(_amounts(one), amounts) for one in decks]
-    if not all(rows) or not _whole(items, factors):
-        return _without(deck, steps[-1], "values of one block change their proportions between steps")
+        return _with_one_step(deck, steps[-1], "rows of one block impose one quantity twice")
+    rows = [row for one in decks if (row := _fractions(_amounts(one), amounts)) is not None]
+    if len(rows) < len(decks) or not _one_course_by_name(items, factors):
+        return _with_one_step(deck, steps[-1], "values of one block change their proportions between steps")
     columns = zip(*rows, strict=True)
     courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
     if not courses:
@@ -77,7 +78,7 @@ def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
     return tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
 
 
-def _without(deck: Deck, block: Block, why: str) -> Deck:
+def _with_one_step(deck: Deck, block: Block, why: str) -> Deck:
     text = f"the answer depends on the path of the steps, and one step from rest is written: {why}"
     return replace(deck, left=in_order((*deck.left, block.left(text))))
 
@@ -154,7 +155,7 @@ def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list
     return [*items.values()], [[one / (item.unit or 1.0) for one in amounts[name]] for name, item in items.items()]
 
 
-def _whole(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool:
+def _one_course_by_name(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool:
     """True if nodes and faces by numbers that have one name in the mesh have one course."""
     groups: dict[Name, tuple[Imposed, list[Sequence[float]]]] = {}
     for item, course in zip(items, factors, strict=True):
@@ -199,15 +200,15 @@ def _amounts(deck: Deck) -> dict[Name, tuple[Item, np.ndarray]]:
     return found
 
 
-def _shares(
+def _fractions(
     own: Mapping[Name, tuple[Item, np.ndarray]], amounts: Mapping[Name, tuple[Item, np.ndarray]]
-) -> list[float]:
-    """Values as fractions of others, in their order; empty if a value is no multiple of the other one."""
-    shares = []
+) -> list[float] | None:
+    """Values as fractions of others, in their order; None if a value is no multiple of the other one."""
+    fractions = []
     for name, (_, whole) in amounts.items():
         value = own[name][1] if name in own else np.zeros_like(whole)
-        share = float(value @ whole / (whole @ whole)) if whole.any() else 0.0
-        if np.abs(value - share * whole).max() > SAME * np.abs(value).max():
-            return []
-        shares.append(round(share, 12))
-    return [] if any(value.any() for name, (_, value) in own.items() if name not in amounts) else shares
+        fraction = float(value @ whole / (whole @ whole)) if whole.any() else 0.0
+        if np.abs(value - fraction * whole).max() > SAME * np.abs(value).max():
+            return None
+        fractions.append(round(fraction, 12))
+    return None if any(value.any() for name, (_, value) in own.items() if name not in amounts) else fractions

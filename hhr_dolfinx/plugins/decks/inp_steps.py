@@ -57,6 +57,10 @@ class Block:
         """Numbers of a data line from a word on; blank words are 0."""
         return [self.number(word) if word else 0.0 for word in row[first:]]
 
+    def value(self, row: Sequence[str], place: int) -> float:
+        """Number at a place of a data line, 0 if the line ends before it."""
+        return sum(self.numbers(row[: place + 1], place))
+
     def left(self, why: str) -> Left:
         """This block as one without counterpart."""
         return Left(self.source, f"*{self.keyword}", why)
@@ -69,13 +73,13 @@ def of_kind(found: Sequence[Block], *keywords: str) -> list[Block]:
 
 @dataclass(frozen=True)
 class Imposed:
-    """A row of a support or a load that acts at the end of the last step."""
+    """A row of a support or a load that acts, with its value there: the factor times the unit."""
 
     block: Block
     row: Sequence[str]
     place: str  # name of the nodes, faces or cells
     component: int  # of a support or of a force, -1 for other loads
-    factor: float  # amplitude at the end of its step, times the value of a support or of a force
+    factor: float  # amplitude, by default at the end of its step; times the value of a support or of a force
     value: float = 1.0  # the factor without the amplitude
     since: float = 0.0  # time at which its step begins
 
@@ -83,7 +87,7 @@ class Imposed:
     def unit(self) -> float:
         """Value of the row that the factor multiplies, 1 for a support or a force."""
         place = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
-        return sum(self.block.numbers(self.row[: place + 1], place)) if place < len(self.row) else 1.0
+        return self.block.value(self.row, place) if place < len(self.row) else 1.0
 
     def moves(self, dim: int) -> bool:
         """True for a support that imposes a translation, or no rotation."""
@@ -117,7 +121,7 @@ class Key(NamedTuple):
 
 
 State = Mapping[Key, Sequence[Imposed]]
-"""Rows that act, by what tells each quantity from others; rows of one quantity add up."""
+"""Rows that act, by the quantity that they impose; rows of one quantity add up."""
 
 
 def steps_of(found: Sequence[Block]) -> list[Step]:
@@ -141,8 +145,8 @@ def state_after(step: Step, before: State, curves: Mapping[str, Block], time: fl
     the last one holds. Rows of earlier steps keep their values, or follow their amplitudes of the time of all steps.
     """
     state = {key: [_later(item, curves, min(time, step.end)) for item in items] for key, items in before.items()}
-    seen: set[str] = set()
-    of_step: set[Key] = set()
+    seen: set[str] = set()  # keywords: of several blocks of one keyword OP=NEW of the first one counts
+    of_step: set[Key] = set()  # quantities that this step has given so far
     for block in of_kind(step.blocks, *IMPOSING):
         if block.word("OP") == "NEW" and block.keyword not in seen:
             state = {key: items for key, items in state.items() if key.keyword != block.keyword}
@@ -183,16 +187,19 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
 
 
 def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
-    """Supports and loads by the names of their nodes: the reader gives rows by numbers with the same load one name."""
-    named = {
-        (item.place, item.component, *item.row[1:], id(item) if item.place == item.row[0] else 0): item
-        for item in state
-    }
+    """Supports and loads, of which those of numbers of nodes with one name in the mesh are one.
+
+    The mesh has one set for all rows of a block that give the same load at numbers of nodes or faces.
+    """
+    named: dict[tuple[object, ...], Imposed] = {}
+    for item in state:
+        by_number = item.place != item.row[0]
+        named[(item.place, item.component, *item.row[1:]) if by_number else (id(item),)] = item
     return tuple(named.values())
 
 
 def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:
-    """Quantities that a row imposes, with what tells each from others of the same place."""
+    """Quantities that a row imposes, each with the detail of its key."""
     if len(row) < 2:
         raise FileContentError(f"{block.source} *{block.keyword}: '{', '.join(row)}' has too few words")
     word = row[1].upper()
@@ -203,16 +210,17 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
         first = 1 if word in _TYPES or not word else _component(block, word)
         last = _component(block, row[2]) if len(row) > 2 and row[2] else first
         components = _TYPES.get(word, range(first - 1, last))
-        value = sum(block.numbers(row[:4], 3))
+        value = block.value(row, 3)
     elif block.keyword == "CLOAD":
         components = (_component(block, word) - 1,)
-        value = sum(block.numbers(row[:3], 2))
+        value = block.value(row, 2)
     else:
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
     place = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
         detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
-        detail = (word, *map(float, block.numbers(row, 3))) if word == "GRAV" else detail
+        if word == "GRAV":  # gravity along several directions adds up
+            detail = (word, *block.numbers(row, 3))
         yield detail, Imposed(block, row, place, component, factor * value, value)
 
 

@@ -53,7 +53,7 @@ def heated_of(
 
 
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the cells of a body of a deck, (c, k, 3), and their temperatures over the largest of all, (c, k)."""
+    """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the deck, (c, k)."""
     nodes = DeckNodes(flat_deck(path))
     found = [Block(path.name, *block) for block in blocks(path)]
     corners = cells_of(nodes, tag)
@@ -62,6 +62,7 @@ def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fractions(found: Sequence[Block], nodes: DeckNodes, corners: list[list[int]]) -> np.ndarray:
+    """Rises at corners of cells at the end of the last step, over the largest of the deck."""
     rise = rise_of(found, imposed_of(found), nodes)
     most = max(rise.values(), key=abs, default=0.0)
     return np.array([[rise.get(number, 0.0) for number in one] for one in corners]) / (most or 1.0)
@@ -76,9 +77,11 @@ def cells_of(nodes: DeckNodes, tag: Tag) -> list[list[int]]:
 
 
 def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:
-    """Temperatures above the initial ones by the number of the node; of several of one node the last one counts.
+    """Temperatures above the initial ones by the number of the node; of several sets with a node the last one counts.
 
-    An amplitude multiplies a temperature; without one the rise is in proportion to the time of the step.
+    An amplitude multiplies the temperature itself. Without one the factor of a row multiplies the rise: it is the part
+    of the step that is over. Rows of one set add up: within a step they are that of the step before, which fades, and
+    the new one.
     """
     initial = {
         number: block.number(row[1])
@@ -88,15 +91,15 @@ def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) 
         for number in nodes.numbers(row[0])
     }
     rise: dict[int, float] = {}
-    last: dict[int, str] = {}
-    # one with the factor 0 is not given yet
+    set_of: dict[int, str] = {}  # set of the last row of each node
+    # a row with the factor 0 does not act yet
     for item in (item for item in state if item.block.keyword == "TEMPERATURE" and item.factor):
-        sudden = "AMPLITUDE" in item.block.options
+        with_amplitude = "AMPLITUDE" in item.block.options
         for number in nodes.numbers(item.row[0]):
-            before = rise[number] if last.get(number) == item.row[0] else 0.0
-            start = initial.get(number, 0.0) * (1.0 if sudden else item.factor)
+            before = rise[number] if set_of.get(number) == item.row[0] else 0.0
+            start = initial.get(number, 0.0) * (1.0 if with_amplitude else item.factor)
             rise[number] = before + item.factor * item.unit - start
-            last[number] = item.row[0]
+            set_of[number] = item.row[0]
     return rise
 
 

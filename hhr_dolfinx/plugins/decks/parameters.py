@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hhr_dolfinx.plugins.decks.deck import Deck, Item
 
@@ -20,7 +21,7 @@ class Proposed:
 
     name: str
     value: float
-    items: Mapping[Item, float]
+    items: Mapping[Item, float]  # parts of the deck with their values, which are proportional to the parameter
     course: tuple[float, ...] = ()  # fractions of the value at the times of the history of the deck
     free: bool = True  # False for one that follows its course with the values of the deck
 
@@ -55,32 +56,45 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     Moduli are parameters only without others: models of them are larger, and none is exact for a body that contact
     alone holds. Along a history further parameters drive what changes beside them.
     """
-    courses = deck.history.courses if deck.history else {}
-    groups: dict[tuple[str, str, tuple[float, ...]], dict[Item, float]] = {}
-    driven: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.constraints]
-    driven += [(item.kind, item, item.value) for item in deck.loads]
-    driven += [("displacement", item, item.value) for item in deck.supports]
-    driven += [("gap", item, item.gap) for item in deck.pairs]
-    driven += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
-    for kind, item, value in driven:
-        if value:
-            groups.setdefault((kind, item.source, courses.get(item, ())), {})[item] = value
-    if not groups:
-        groups = {("young", item.source, ()): {item: item.material.young} for item in deck.sections}
-    kept = list(groups.items())[:MOST]
-    kinds = [kind for (kind, *_), _ in kept]
+    groups = _groups(deck)
+    chosen = groups[:MOST]
+    kinds = [group.kind for group in chosen]
     found = []
-    for number, (kind, ((*_, course), items)) in enumerate(zip(kinds, kept, strict=True)):
+    for number, (kind, course, items) in enumerate(chosen):
         values = set(items.values())
         value = values.pop() if len(values) == 1 else 1.0
         found.append(Proposed(_numbered(kind, kinds.count(kind), kinds[:number].count(kind)), value, items, course))
     others: dict[tuple[float, ...], dict[Item, float]] = {}
-    for (*_, course), items in list(groups.items())[MOST:]:
+    for _, course, items in groups[MOST:]:
         if len(set(course)) > 1:
             others.setdefault(course, {}).update(items)
     for number, (course, items) in enumerate(others.items()):
         found.append(Proposed(_numbered("others", len(others), number), 1.0, items, course, free=False))
     return tuple(found)
+
+
+class _Group(NamedTuple):
+    """Parts of one block of the deck with one course, and their values."""
+
+    kind: str
+    course: tuple[float, ...]
+    items: dict[Item, float]
+
+
+def _groups(deck: Deck) -> list[_Group]:
+    """Groups of all parts whose values are not zero, in the order in which they become parameters."""
+    courses = deck.history.courses if deck.history else {}
+    parts: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.constraints]
+    parts += [(item.kind, item, item.value) for item in deck.loads]
+    parts += [("displacement", item, item.value) for item in deck.supports]
+    parts += [("gap", item, item.gap) for item in deck.pairs]
+    parts += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
+    groups: dict[tuple[str, str, tuple[float, ...]], _Group] = {}
+    for kind, item, value in parts:
+        if value:
+            course = courses.get(item, ())
+            groups.setdefault((kind, item.source, course), _Group(kind, course, {})).items[item] = value
+    return [*groups.values()] or [_Group("young", (), {item: item.material.young}) for item in deck.sections]
 
 
 def _short(value: float) -> float:

@@ -21,11 +21,11 @@ NEAR = 1e-6
 
 @dataclass(frozen=True)
 class DeckTemperatures:
-    """Temperatures of a body in a deck over the largest one of the deck, the ``field`` of a ThermalExpansion.
+    """Distribution of the temperature of a body in a deck, the ``field`` of a ThermalExpansion.
 
-    They are those of the end of the last step above *INITIAL CONDITIONS: the mean of the corners in cells of first
-    order, as in CalculiX, whose strains are as constant, and linear between the corners in those of second order.
-    CalculiX reads the nodes on edges too: displacements differ by 3 % for x^2 on four cells, and by 1 % on six.
+    It is the change of temperature from *INITIAL CONDITIONS to the end of the last step, divided by the largest change
+    of any node of the deck, which is the ``temperature`` of the load: linear in cells of second order, and the mean of
+    the corners in those of first order, as in CalculiX.
 
     Attributes:
         path: the deck.
@@ -55,10 +55,10 @@ class DeckTemperatures:
         cells = space.dofmap.list
         places = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
         # by cells, as nodes of several bodies, or at a crack, may coincide
-        far, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
+        distance, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
         nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
         found = np.where(
-            (far <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None], values[own[:, None], nearest], 0.0
+            (distance <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None], values[own[:, None], nearest], 0.0
         )
         if domain.ufl_coordinate_element().degree == 1:
             space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))

@@ -48,7 +48,7 @@ def template(path: Path, given: NamedParts) -> Deck:
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
-    left = [Left(source, "materials, support and pressure", "a proposal, with lengths in mm: put in your own")]
+    left = [Left(source, "materials, support and pressure", "a proposal for lengths in mm: replace it by your own")]
     bolts = dict(_bolts(parts, source))
     deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
     supports, loads, planes = _by_names(parts, source, left)
@@ -73,6 +73,7 @@ def template(path: Path, given: NamedParts) -> Deck:
         constraints=(*deck.constraints, *planes),
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs) or parts.out_of_reach(supports),
         left=tuple(left),
+        proposal=True,
         sides=parts is not given,
     )
 

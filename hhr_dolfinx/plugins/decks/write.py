@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import re
+import textwrap
+import tokenize
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -15,41 +17,72 @@ from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
+LINE = 120
+"""Longest line of a scene file, other than tables of a deck and TODO lines, which stay whole for searches."""
 
 
 def scene_text(deck: Deck, file: Path, target: Path) -> str:
     """Text of the scene file ``target`` of a deck in a file; the mesh is named relative to the folder of the target."""
     parameters = proposed(deck)
-    of = amplitudes(parameters)
+    amplitude_of = amplitudes(parameters)
     mesh = Path(os.path.relpath(deck.path.absolute(), target.absolute().parent)).as_posix()
-    stem = re.sub(r"\W", "_", file.stem)
-    parts: Mapping[str, Iterator[str]] = {
-        "bodies": (_body(item, of) for item in deck.sections),
-        "contacts": (_pair(item, of) for item in deck.pairs),
-        "displacements": _supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, of),
-        "loads": (
-            f"{item.text.replace('{}', of.get(item, repr(item.value)))},  # {item.source}" for item in deck.loads
-        ),
-        "constraints": (_constraint(item, of) for item in deck.constraints),
-        "openings": _openings(deck.pairs, of),
-        "outputs": _outputs(deck.pairs),
-    }
     lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
-    lines += ["scene = hhr.Scene(", f"    name={stem if stem.isidentifier() else f'deck_{stem}'!r},"]
-    lines += [f"    geometry={_geometry(deck)},", f"    hypothesis={deck.hypothesis!r},"]
-    for name, items in parts.items():
-        if name == "constraints" and not deck.constraints:
-            continue
-        lines += [f"    {name}=(", *(f"        {row}" for row in items), "    ),"]
-    bounds = (tuple(one.name for one in parameters), *zip(*(one.reach for one in parameters), strict=True))
-    lines += [f"    parameters=hhr.ParameterSpace{bounds},", ")"]
+    lines += ["scene = hhr.Scene(", *(f"    {row}" for row in _scene(deck, file, parameters, amplitude_of)), ")"]
     if deck.history is not None:
         lines += _steps(deck.history, parameters)
-    elif _flows(deck):
+    elif _has_laws(deck):
         lines += _paths(deck, parameters)
-    return "\n".join(lines) + "\n"
+    return _double_quoted("\n".join(lines) + "\n")
+
+
+def _scene(deck: Deck, file: Path, parameters: Sequence[Proposed], amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+    """Arguments of the scene; parts that the deck does not have are left out."""
+    stem = re.sub(r"\W", "_", file.stem)
+    parts: Mapping[str, list[str]] = {
+        "bodies": [row for item in deck.sections for row in _body(item, amplitude_of)],
+        "contacts": [_pair(item, amplitude_of) for item in deck.pairs],
+        "displacements": [*_supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, amplitude_of)],
+        "loads": [
+            f"{item.text.replace('{}', amplitude_of.get(item, repr(item.value)))},  # {item.source}"
+            for item in deck.loads
+        ],
+        "constraints": [_constraint(item, amplitude_of) for item in deck.constraints],
+        "openings": [*_openings(deck.pairs, amplitude_of)],
+        "outputs": [*_outputs(deck.pairs)],
+    }
+    yield f"name={stem if stem.isidentifier() else f'deck_{stem}'!r},"
+    yield f"geometry={_geometry(deck)},"
+    yield f"hypothesis={deck.hypothesis!r},"
+    for name, rows in ((name, rows) for name, rows in parts.items() if rows):
+        yield from (f"{name}=(", *(f"    {line}" for row in rows for line in _fitted(row)), "),")
+    yield f"parameters={_space([one.name for one in parameters], [one.reach for one in parameters])},"
+
+
+def _space(names: Sequence[str], bounds: Sequence[tuple[float, float]]) -> str:
+    lower, upper = zip(*bounds, strict=True)
+    return f"hhr.ParameterSpace({tuple(names)!r}, lower={lower!r}, upper={upper!r})"
+
+
+def _fitted(row: str) -> Iterator[str]:
+    """A row of the scene; its comment stands above it if both are longer than a line."""
+    text, mark, comment = row.rpartition(",  # ")
+    if mark and len(row) > LINE - 8:
+        yield from (f"# {comment}", f"{text},")
+    else:
+        yield row
+
+
+def _double_quoted(text: str) -> str:
+    """Python with its strings in double quotes, as formatters write them; those that have some inside stay."""
+    rows = text.splitlines(keepends=True)
+    for token in [*tokenize.generate_tokens(iter(rows).__next__)]:
+        if token.type == tokenize.STRING and token.string[0] == "'" and '"' not in token.string:
+            number, start = token.start
+            row = rows[number - 1]
+            rows[number - 1] = f'{row[:start]}"{token.string[1:-1]}"{row[token.end[1] :]}'
+    return "".join(rows)
 
 
 def _geometry(deck: Deck) -> str:
@@ -69,70 +102,103 @@ def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
             yield f'hhr.ContactForce("force {number}", contact={number}, direction={pair.direction!r}),'
 
 
-def _flows(deck: Deck) -> bool:
+def _has_laws(deck: Deck) -> bool:
     return any(item.material.law for item in deck.sections)
 
 
 def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
-    duration = f" --duration {deck.seconds:g}" if _flows(deck) else ""
+    duration = f" --duration {deck.seconds:g}" if _has_laws(deck) else ""
+    middle = "the middle of the box" if deck.proposal else "the middle of the box, which is the state of the file"
     yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
     if deck.history is None:
-        yield f"    hhr solve {target.name}{duration}    # the middle of the box, which is the state of the file"
+        yield f"    hhr solve {target.name}{duration}    # {middle}"
     else:
         yield f"    hhr march {target.name}    # the steps of the file, one after another"
     yield f"    hhr reduce {target.name}   # a small model for all of the box"
     yield ""
     for one in (one for one in parameters if one.free):
-        yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, and {one.value:g} in the file."
+        value = "a proposal" if deck.proposal else f"and {one.value:g} in the file, {_origin(one)}"
+        yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, {value}."
 
 
-def _body(item: Section, of: Mapping[Item, str]) -> str:
+def _origin(parameter: Proposed) -> str:
+    """Lines of a parameter, and its meaning if it is no number of these lines."""
+    lines = ", ".join(dict.fromkeys(item.source for item in parameter.items))
+    if parameter.name.startswith("temperature"):
+        return f"{lines}: the largest change from the initial temperature"
+    if len({*parameter.items.values()}) > 1:
+        return f"{lines}: a common factor"
+    return lines
+
+
+def _body(item: Section, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+    """Rows of a body, one for each argument if they are longer than a line."""
     material = item.material
-    law = f", law={material.law}" if material.law else ""
-    text = f"hhr.Body({item.tag!r}, young={of.get(item, repr(material.young))}, poisson={material.poisson!r}{law})"
-    return f"{text},  # {item.source}: {material.name} of {material.source}"
+    origin = f"{item.source}: {material.name}"
+    origin += f" of {material.source}" if material.source != item.source else ""
+    origin += ", constant after its table" if material.law.startswith("hhr.TabulatedHardening") else ""
+    arguments = [
+        repr(item.tag),
+        f"young={amplitude_of.get(item, repr(material.young))}",
+        f"poisson={material.poisson!r}",
+        *([f"law={material.law}"] if material.law else []),
+    ]
+    row = f"hhr.Body({', '.join(arguments)}),  # {origin}"
+    if len(row) <= LINE - 8 or not material.law:
+        yield row
+        return
+    yield f"hhr.Body(  # {origin}"
+    yield from (f"    {line}" for text in arguments for line in _wrapped(f"{text},"))
+    yield "),"
 
 
-def _pair(pair: Pair, of: Mapping[Item, str]) -> str:
+def _wrapped(text: str) -> list[str]:
+    """Lines of a long table; text with strings stays whole, as no line may end inside of one."""
+    if "'" in text:
+        return [text]
+    return textwrap.wrap(text, LINE - 12, subsequent_indent="    ", break_long_words=False)
+
+
+def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
     friction = f", friction={pair.friction!r}" if pair.friction else ""
     origin = pair.origin or (0.0,) * len(pair.motion)
     place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
-    if pair in of:
+    if pair in amplitude_of:
         # the amplitude of the length of the motion: a name, or a name and its factor
-        name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", of[pair])[0]
+        name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", amplitude_of[pair])[0]
         parts = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
-        place = tuple(_moved(a, part, name) for a, part in zip(origin, parts, strict=True))
+        place = tuple(_coordinate(a, part, name) for a, part in zip(origin, parts, strict=True))
     return f"{pair.text.replace('{}', friction).replace('{place}', repr(place))},  # {pair.source}"
 
 
-def _moved(start: float, part: float, name: str) -> float | str:
+def _coordinate(start: float, part: float, name: str) -> float | str:
     """A coordinate that follows a parameter."""
     return (f"{start!r} + {part!r} * {name}" if start else f"{part!r} * {name}") if part else start
 
 
-def _constraint(item: Load, of: Mapping[Item, str]) -> str:
-    amplitude = of.get(item, repr(item.value))
+def _constraint(item: Load, amplitude_of: Mapping[Item, str]) -> str:
+    amplitude = amplitude_of.get(item, repr(item.value))
     text = item.text.replace("{}", amplitude) if item.value else item.text.replace(", {}", "")
     return f"{text},  # {item.source}"
 
 
-def _supports(supports: Sequence[Support], dim: int, of: Mapping[Item, str]) -> Iterator[str]:
+def _supports(supports: Sequence[Support], dim: int, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
     """One line for each component that is imposed, or for all of them where they are held."""
     held = [(item.place, item.source) for item in supports if not item.value]
     for item in supports:
         end = f"),  # {item.source}"
         if item.value:
-            yield f"hhr.Displacement({item.place!r}, {item.component}, {of.get(item, repr(item.value))}{end}"
+            yield f"hhr.Displacement({item.place!r}, {item.component}, {amplitude_of.get(item, repr(item.value))}{end}"
         elif held.count((item.place, item.source)) < dim:
             yield f"hhr.Displacement({item.place!r}, {item.component}{end}"
         elif item.component == 0:
             yield f"*hhr.Displacement.clamp({item.place!r}, {dim}{end}"
 
 
-def _openings(pairs: Sequence[Pair], of: Mapping[Item, str]) -> Iterator[str]:
+def _openings(pairs: Sequence[Pair], amplitude_of: Mapping[Item, str]) -> Iterator[str]:
     for number, pair in enumerate(pairs):
         if pair.gap:
-            text = of.get(pair, repr(pair.gap))
+            text = amplitude_of.get(pair, repr(pair.gap))
             text = f"hhr.Amplitude(slopes={{{text}: 1.0}})" if text.startswith("'") else text
             text = text if text.startswith("hhr.") else f"hhr.Amplitude({text})"
             yield f"hhr.Opening({number}, {text}),  # {pair.source}"
@@ -144,24 +210,27 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
     to = {one.name: one.name for one in parameters}
     yield "# load paths for hhr reduce: from the smallest loads of the box to any of its points"
     yield "PATHS = hhr.PathFamily("
-    yield f"    'loading', scene.parameters, scene.parameters, {start!r}, (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),)"
+    yield "    'loading',"
+    yield "    scene.parameters,"
+    yield "    scene.parameters,"
+    yield f"    {start!r},"
+    yield f"    (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),),"
     yield ")"
 
 
 def _steps(history: History, parameters: Sequence[Proposed]) -> Iterator[str]:
     """Paths over the steps of the deck, with values within the boxes of the parameters."""
     free = [one for one in parameters if one.free]
-    bounds = (tuple(one.name for one in free), *zip(*(one.box for one in free), strict=True))
     yield "# the steps of the file, for hhr march and hhr reduce: values at the ends of legs, seconds, number of steps"
     yield "PATHS = hhr.PathFamily("
     yield "    'steps',"
     yield "    scene.parameters,"
-    yield f"    hhr.ParameterSpace{bounds},"
+    yield f"    {_space([one.name for one in free], [one.box for one in free])},"
     yield f"    {{{', '.join(f'{one.name!r}: {one.at(0)}' for one in parameters)}}},"
     yield "    ("
     for number, (before, time) in enumerate(pairwise(history.times), 1):
         changed = [one for one in parameters if one.course[number] != one.course[number - 1]]
         to = ", ".join(f"{one.name!r}: {one.at(number)}" for one in changed)
-        yield f"        hhr.Leg({{{to}}}, {time - before!r}, {STEPS}),"
+        yield f"        hhr.Leg({{{to}}}, {time - before!r}, {STEPS}),  # until {time:g} s"
     yield "    ),"
     yield ")"

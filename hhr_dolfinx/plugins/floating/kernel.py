@@ -15,7 +15,7 @@ from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneError, SceneWarning
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 UNEVEN = 1e-3
 """Part of the work of its nodal forces, without signs, that a load on a round surface may do on its rotation."""
 WEAK = 0.1
-"""Part of the effect of other motions up to which that of a rotation may come from the facets of a round surface."""
+"""Part of the effect of other motions up to which that of one may come from the facets of a round surface alone."""
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
 SAME = 1e-9
@@ -215,10 +215,11 @@ class RigidKernel:
 
 
 def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray) -> np.ndarray:
-    """Mask of the motions, of (N, r), that only the facets of round surfaces resist, (r,) bool; it warns of them.
+    """Mask of the rotations, of (N, r), that only the facets of round surfaces resist, (r,) bool; it warns of them.
 
     A large rotation of this kind opens every gap, unlike that of a round body. Without loads these rotations are set to
-    zero, and the moment of the facets' normals is distributed over the body.
+    zero, and the moment of the facets' normals is distributed over the body. It also warns of loads along the axis of a
+    cylinder, whose facets are not quite parallel to it.
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
     # motions along which loads do work beyond the discretisation error of a round body
@@ -229,16 +230,22 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
         own = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
         for place in own:
-            turn = fields[:, :, place]
-            turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
-            if not turning or effects[place] >= WEAK * effects[own].max():
+            motion = fields[:, :, place]
+            turning = np.abs(motion - motion.mean(axis=0)).max() > 0.5 * np.abs(motion).max()
+            if effects[place] >= WEAK * effects[own].max() or not (turning or driven[place]):
                 continue
-            found_round[place] = not driven[place]
+            found_round[place] = turning and not driven[place]
             what = "and no load drives: it is left at rest" if not driven[place] else "though loads drive it"
+            if turning:
+                moves = "turns"
+                why = "are round only their facets do so, and turned far they open every gap. Hold the turn"
+            else:
+                along = motion.mean(axis=0) / np.abs(motion).max()
+                moves = f"moves along {rounded(np.round(along, 1))}"
+                why = "are cylinders only their facets do so, and where it stops means nothing. Hold the motion"
             warn(
-                f"{body.name} turns, which contact resists {effects[place] / effects[own].max():.1g} times as much as "
-                f"other motions of it, {what}. If its surfaces are round only their facets do so, and turned far they "
-                "open every gap. Hold the turn by a displacement where that is not meant",
+                f"{body.name} {moves}, which contact resists {effects[place] / effects[own].max():.1g} times as much "
+                f"as other motions of it, {what}. If its surfaces {why} by a displacement where that is not meant",
                 SceneWarning,
             )
     return found_round

@@ -79,7 +79,7 @@ class Reduction:
     @property
     def table(self) -> str:
         """A row for each model of the search, with the numbers of long reasons."""
-        heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
+        heads = ("", "method", "setting", "full answers", "build", "an answer", *self.wish.of, "known by", "outcome")
         rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
@@ -91,14 +91,14 @@ class Reduction:
     @property
     def verdict(self) -> str:
         """Sentence on whether the target is met."""
-        target = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
+        target = f"an error of {self.wish.error:.3g} in {' and '.join(self.wish.of)}"
         spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
         if self.chosen is None:
             return f"there is no model: {self.reason}; {spent}"
         if not self.met:
-            return f"{target} is not met: {self.reason}. The best model there is was handed out; {spent}"
+            return f"{target} is not met: {self.reason}. The best model is returned; {spent}"
         item = self.tried[self.chosen]
-        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
+        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box exceeds it"
         return "; ".join([f"{target} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:

@@ -399,7 +399,7 @@ def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple
         exact = context.fresh(SURE, _silent(context, model, points))
         context.check_claim(method, model, exact)
         errors = _compared(context, model, exact)
-        return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly", math.nan
+        return errors, f"{len(exact)} fresh answers; an exact condensation", math.nan
     said = _said(model, points, context.target)
     worst = np.array([said[name].max() if name in said else math.inf for name in context.target.of])
     if (worst <= context.target.error).all():

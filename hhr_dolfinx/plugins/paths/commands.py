@@ -32,10 +32,11 @@ WIDTH = 12
 @KNOWN
 @guarded
 def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]) -> None:
-    """Follow a path of PATHS, a hhr.PathFamily in the file of a SCENE, and show the answer at each of its steps.
+    """Follow load steps, PATHS in the file of a SCENE, and show the answer at each of them.
 
-    Answers of bodies with laws and of contacts with friction depend on the path. Without --at it is that of the middle
-    of the family's own parameters.
+    Answers of bodies with laws and of contacts with friction depend on the path. PATHS is a hhr.PathFamily, whose box
+    has a path for each of its points: without --at it is the middle of that box. hhr start writes PATHS of the steps of
+    a deck.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of, point_of, scene_of
     from hhr_dolfinx.files import replacing
@@ -66,10 +67,12 @@ def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | No
         for answer in history.answers:
             show(answer)
     if write_fields is not None:
-        write_fields(out, answering, history)
+        collection, *_ = write_fields(out, answering, history)
+        click.echo(f"fields: {collection}")
     elif out is not None and first_rank():
         with replacing(out, text=True) as file:
             csv.writer(file).writerows([list(rows[0]), *(row.values() for row in rows)])
+        click.echo(f"table: {out}")
 
 
 def family_of(scene: str) -> PathFamily:
@@ -80,7 +83,7 @@ def family_of(scene: str) -> PathFamily:
 
     found = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
     if found is None:
-        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) beside the scene")
+        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) in its file, or call hhr solve")
     return found
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.compat import nodes_of_cell, shape_functions
-from hhr_dolfinx.errors import FileContentError, MeshWarning, SceneError, SceneWarning
+from hhr_dolfinx.errors import FileContentError, MeshWarning, SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.checks import FOLDED, corner_jacobians
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import EDGES
@@ -87,7 +87,7 @@ class Untangled(MeshFile):
         rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
         warn(
             f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{place.tolist()}, and are mended ({self.how}{rest}): {count} nodes move, by {moves.max():.3g} at most, "
+            f"{rounded(place)}, and are mended ({self.how}{rest}): {count} nodes move, by {moves.max():.3g} at most, "
             f"on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter along curved surfaces need "
             "no mending",
             MeshWarning,
@@ -140,6 +140,7 @@ def folded(raw: RawMesh) -> np.ndarray:
     if raw.sides is None or raw.points.shape[1] != raw.dim:
         return np.zeros(0, dtype=np.int64)
     sides = _Sides.of(raw, 2)
+    # the sign of the mean is that of the order of the nodes, which differs between formats
     found = [
         rows[(values * np.sign(values.mean(axis=1))[:, None]).min(axis=1) < -FOLDED * np.abs(values).max(axis=1)]
         for rows, values in sides.jacobians(sides.curved, raw.points)
@@ -148,13 +149,14 @@ def folded(raw: RawMesh) -> np.ndarray:
 
 
 def folded_in_words(raw: RawMesh, name: str) -> str:
-    """Number and place of folded cells of a mesh file, and how a scene mends them; empty if none is folded."""
+    """Number and place of folded cells of a mesh file, and the geometry of a scene; empty if none is folded."""
     rows = folded(raw)
     if not rows.size:
         return ""
-    place = raw.points[raw.cells[rows[0]]].mean(axis=0).tolist()
+    place = rounded(raw.points[raw.cells[rows[0]]].mean(axis=0))
     return (
-        f"{rows.size} cells of second order are folded, e.g. around {place}: hhr.Untangled({name!r}) straightens them"
+        f"{rows.size} cells of second order are folded, e.g. around {place}, and a scene refuses them: "
+        f"take hhr.Untangled({name!r}) as its geometry, which straightens them"
     )
 
 
@@ -207,10 +209,12 @@ class _Sides:
 
     def bad(self, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Rows of the cells among some that are folded or nearly so with the nodes at ``points``."""
-        straight = self.jacobians(rows, self.middles)
+        # relative to the cell with straight sides, whose Jacobians have one sign, that of the order of its nodes
         found = [
-            own[(values * np.sign(least[:, :1])).min(axis=1) < BAD * np.abs(least).min(axis=1)]
-            for (own, values), (_, least) in zip(self.jacobians(rows, points), straight, strict=True)
+            part[(values * np.sign(straight[:, :1])).min(axis=1) < BAD * np.abs(straight).min(axis=1)]
+            for (part, values), (_, straight) in zip(
+                self.jacobians(rows, points), self.jacobians(rows, self.middles), strict=True
+            )
         ]
         return np.concatenate([rows[:0], *found])
 
@@ -222,10 +226,10 @@ def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
     for rows, inner in sides.jacobians(sides.curved, sides.middles):
         wrong[rows] |= inner.min(axis=1) * inner.max(axis=1) <= 0
     if wrong.any():
-        place = raw.points[raw.cells[wrong][0]].mean(axis=0).tolist()
+        place = rounded(raw.points[raw.cells[wrong][0]].mean(axis=0))
         raise FileContentError(
             f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around {place}: straight "
-            "sides do not mend them. Move their corners, or mesh anew"
+            "sides do not mend them. Move their corners, or mesh again"
         )
 
 
@@ -237,7 +241,7 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
     """
     points = raw.points
     same = _coinciding(points, np.unique(sides.nodes))
-    parts = np.zeros(len(points), dtype=np.int64)
+    parts = np.zeros(len(points), dtype=np.int64)  # of the way that each node has gone
     while bad.size:
         moving = np.isin(same, same[sides.nodes[bad]])
         parts[moving] = np.minimum(parts[moving] + 1, PARTS)

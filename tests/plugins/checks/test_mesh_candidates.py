@@ -59,7 +59,7 @@ def test_a_mesh_file_is_shown_with_its_pairs_and_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     written(tmp_path / "parts.inp", CUBE + PLACED)
     code, said = invoke("check", "parts.inp", "--picture", "it.png")
-    assert code == 0 and "for contacts, with their smallest gaps:\n    Low-1.Top and Up-1.Top: gap 0.01\n" in said
+    assert code == 0 and "the smallest gaps of flat facets:\n    Low-1.Top and Up-1.Top: gap 0.01\n" in said
     assert "picture: it.png" in said and (tmp_path / "it.png").stat().st_size > 10_000
     assert "y 0 to 1, z 1.01 to 2.01" in said  # without the round-off of the turn
     far = CUBE + PLACED.replace("1.01", "3.01")

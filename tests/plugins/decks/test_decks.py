@@ -427,6 +427,18 @@ def test_words_without_effect_are_named(change, why, tmp_path):
     assert output.count("TODO") == 1 and why in output
 
 
+def test_a_scene_file_is_written_as_python_is(tmp_path):
+    """Strings in double quotes, no empty parts, lines of 120 signs: a long table breaks, and is the same when read."""
+    table = [(200.0 + k, k / 512) for k in range(40)]
+    rows = "\n".join(f"{stress}, {strain}" for stress, strain in table)
+    scene, _ = started(tmp_path, bar("*CLOAD\nBAR_X1, 1, 2.5", f"*PLASTIC\n{rows}"))
+    (body,) = scene.bodies
+    assert body.law.points[:-1] == tuple((strain, stress) for stress, strain in table)
+    written = (tmp_path / "deck.py").read_text()
+    assert "'" not in written and "openings" not in written
+    assert max(map(len, written.splitlines())) <= 120 < len(repr(table))
+
+
 def test_a_file_that_is_there_stays(tmp_path):
     (tmp_path / "deck.inp").write_text(bar("*CLOAD\nBAR_X1, 1, 2.5"))
     (tmp_path / "deck.py").write_text("mine")

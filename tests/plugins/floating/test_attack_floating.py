@@ -2,6 +2,8 @@
 
 import copy
 import dataclasses
+import re
+import warnings
 
 import numpy as np
 import pytest
@@ -182,6 +184,33 @@ def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
     )
     with pytest.warns(SceneWarning, match="turns, which contact resists"):
         hhr.FullOrderModel(scene, MPI.COMM_SELF)
+
+
+@needs("nonmatching")
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
+@pytest.mark.parametrize("loaded", [True, False])
+def test_a_load_along_a_surface_that_is_not_quite_flat_is_warned_of(loaded):
+    """As along the axis of a meshed cylinder: only the slopes of a ripple, 0.03, hold the upper block."""
+
+    def warp(points, body):
+        return points + np.stack([0 * points[:, 0], 0.005 * np.cos(2 * np.pi * points[:, 0])], axis=1)
+
+    push = hhr.Traction(side(2, 1, True), (1.0, 0.0) if loaded else (0.0, -1.0), slope("q"))
+    blocks = {"first": ((0, 0), (3, 1), (30, 4)), "second": ((1, 1), (2, 2), (10, 4))}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        full = hhr.FullOrderModel(
+            stack(
+                geometry=lambda comm: two_blocks(comm, **blocks, warp=warp),
+                contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True)),),
+                displacements=hhr.Displacement.clamp(side(1, 1, False), 2),
+                loads=(hhr.Pressure(side(2, 1, True), slope("p")), push),
+            ),
+            MPI.COMM_SELF,
+        )
+    said = [str(item.message) for item in caught if "which contact resists" in str(item.message)]
+    assert any(re.search(r"moves along \[-?1\.0, -?0\.0\]", text) for text in said) == loaded
+    assert full.problem.kernel is not None
 
 
 @pytest.fixture(scope="module")

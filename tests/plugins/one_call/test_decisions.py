@@ -163,7 +163,7 @@ def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
 def test_the_verdict_says_the_confidence():
     row = Tried("hhr", "", 72, 1.0, 1e-3, {"forces": 1e-3}, "40 fresh answers, times 2", 0, search.MET, 0.0559)
     found = search.Reduction("any", Target(ERROR, ("forces",)), (row,), 0, 72, 2.0)
-    said = "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box is beyond it"
+    said = "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box exceeds it"
     assert said in found.verdict
     bounded = search.Reduction("any", Target(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
     assert bounded.met and "confidence" not in bounded.verdict

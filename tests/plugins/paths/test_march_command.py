@@ -1,5 +1,7 @@
 """The command ``hhr march``: the answers along a path of a scene's file."""
 
+import json
+
 import numpy as np
 import pytest
 from shell import invoke
@@ -46,7 +48,8 @@ def test_rows_are_the_answers_of_the_path(scene, tmp_path):
     """The middle of the family without --at; a table has what is shown, and the digits that are not."""
     code, output = invoke("march", scene, "--out", tmp_path / "steps.csv")
     assert code == 0
-    lines = output.splitlines()
+    *lines, written = output.splitlines()
+    assert written == f"table: {tmp_path / 'steps.csv'}"
     assert lines[0] == "to and fro (far = 0.02)"
     assert lines[1].split()[-1] == "largest"
     assert len({len(line) for line in lines[1:]}) == 1  # columns stand below their names
@@ -68,11 +71,31 @@ def test_a_model_answers_the_same(scene, tmp_path):
     assert output == full
 
 
+def test_solve_refers_to_the_paths(scene):
+    """Its answer is that of one step from rest, which is not that of the steps."""
+    code, output = invoke("solve", scene)
+    assert code == 0
+    assert f"one step from rest: hhr march {scene} follows" in " ".join(output.split())
+
+
 def test_fields_of_all_steps(scene, tmp_path):
     """A file for each step, which ParaView opens as one."""
     assert invoke("march", scene, "--out", tmp_path / "fields.vtu")[0] == 0
     assert len(list(tmp_path.glob("fields_*.vtu"))) == 9
     assert (tmp_path / "fields.pvd").is_file()
+
+
+def test_steps_in_vtkhdf_are_a_series(scene, tmp_path):
+    """ParaView's reader of .pvd knows XML files alone."""
+    code, output = invoke("march", scene, "--out", tmp_path / "fields.vtkhdf")
+    assert code == 0 and output.splitlines()[-1] == f"fields: {tmp_path / 'fields.vtkhdf.series'}"
+    series = json.loads((tmp_path / "fields.vtkhdf.series").read_text())
+    assert series["file-series-version"] == "1.0"
+    assert all((tmp_path / step["name"]).is_file() for step in series["files"])
+    assert [step["time"] for step in series["files"]] == pytest.approx(
+        [0.5, 1, *(1 + k / 3 for k in (1, 2, 3)), 2.5, 3, 3.5, 4]
+    )
+    assert not (tmp_path / "fields.pvd").exists()
 
 
 @pytest.mark.parametrize(
@@ -94,4 +117,4 @@ def test_a_scene_without_paths(scene):
     scene.write_text(SCENE[: SCENE.index("PATHS")])
     code, output = invoke("march", scene)
     assert code == 3
-    assert "put PATHS = hhr.PathFamily(...) beside the scene" in output
+    assert "put PATHS = hhr.PathFamily(...) in its file, or call hhr solve" in output
