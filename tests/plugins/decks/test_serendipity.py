@@ -139,3 +139,61 @@ def test_cells_without_nodes_in_the_middle(tmp_path):
     scene, _ = started(tmp_path, block("C3D8", (2, 1, 1)))
     with pytest.raises(SceneError, match="quadrilaterals or hexahedra of second order"):
         hhr.FullOrderModel(replace(scene, constraints=TWENTY))
+
+
+def stacked(folder, contact, constraints, more):
+    """Two cubes whose meshes do not match, the upper one pressed down by 0.002 along z and held along x and y."""
+    deck = Writer()
+    low = deck.box("LOW", "C3D20", (2, 2, 2), (0, 0, 0), (1, 1, 1))
+    up = deck.box("UP", "C3D20", (3, 3, 3), (0, 0, 1), (1, 1, 2))
+    deck.surface("LTOP", low.faces(at(2, 1)))
+    deck.surface("UBOT", up.faces(at(2, 1)))
+    deck.nset("FLOOR", low.nodes(at(2, 0)))
+    deck.nset("LID", up.nodes(at(2, 2)))
+    (folder / "two.inp").write_text(deck.text)
+    push = hhr.Displacement("LID", 2, hhr.Amplitude(slopes={"push": -1.0}))
+    held = (*hhr.Displacement.clamp("FLOOR", 3), *hhr.Displacement.clamp("LID", 3)[:2], push)
+    scene = hhr.Scene(
+        "two",
+        hhr.MeshFile(folder / "two.inp"),
+        "solid",
+        (hhr.Body("LOW", 1e5, 0.3), hhr.Body("UP", 1e5, 0.3)),
+        (contact,),
+        hhr.ParameterSpace(("push",), (0.0,), (0.004,)),
+        displacements=(*held, *more),
+        outputs=(hhr.ContactForce("force", 0, (0.0, 0.0, 1.0)),),
+        constraints=constraints,
+    )
+    full = hhr.FullOrderModel(scene)
+    return full, full.solve(0.002)
+
+
+NODES = hhr.NodeToSurface("UBOT", "LTOP", at_nodes=True)
+
+
+@needs("nonmatching", "mortar")
+@pytest.mark.parametrize("pair", [hhr.Mortar("UBOT", "LTOP"), NODES])
+def test_conditions_do_not_depend_on_the_order_of_constraints(pair, tmp_path):
+    """Another constraint may determine a node in the middle of a face: conditions count for edges all the same."""
+    mean = hhr.MeanMotion("UBOT", 0)
+    found = [stacked(tmp_path, pair, order, ())[1] for order in ((*TWENTY, mean), (mean, *TWENTY))]
+    forces = [answer.outputs()["force"] for answer in found]
+    assert found[0].forces().size == found[1].forces().size == 40
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+
+
+@needs("mortar")
+def test_surfaces_that_are_held_along_an_axis(tmp_path):
+    """By symmetry it does not matter which; nodes in the middle of faces follow no others along an axis held."""
+    pair = hhr.Mortar("UBOT", "LTOP")
+    held = [tuple(hhr.Displacement(name, axis) for name in ("UBOT", "LTOP")) for axis in (0, 1)]
+    found = [stacked(tmp_path, pair, TWENTY, more)[1] for more in held]
+    assert found[0].forces().size == found[1].forces().size == 40
+    assert found[0].outputs()["force"] == pytest.approx(found[1].outputs()["force"], rel=1e-8)
+
+
+@needs("nonmatching")
+def test_areas_at_nodes_are_those_of_the_surface(tmp_path):
+    full, answer = stacked(tmp_path, NODES, TWENTY, ())
+    assert answer.forces().size == 40
+    assert full.problem.contact_areas.sum() == pytest.approx(1.0, rel=1e-12)
