@@ -54,6 +54,23 @@ def test_a_block_under_forces_at_nodes(kind, ends, moved, tmp_path):
     assert np.abs(displacement(replace(scene, constraints=()), ends) / moved - 1).max() > 0.002
 
 
+def test_a_moment_on_a_distributing_coupling(tmp_path):
+    """CalculiX counts nodes by the functions of its elements; with those in the middle of faces they move 2 % off."""
+    text = block("C3D20", (3, 1, 1.2)).partition("*CLOAD")[0]
+    faces = "*SURFACE, NAME=HEAD\n" + "".join(f"{cell}, S4\n" for cell in (21, 22, 23, 24))
+    coupling = f"*NODE\n990, 4., 0.3, 0.9\n{faces}*COUPLING, REF NODE=990, SURFACE=HEAD, CONSTRAINT NAME=C\n"
+    text = text.replace("*STEP", f"{coupling}*DISTRIBUTING\n1, 6\n*STEP")
+    text += "*CLOAD\n990, 3, -300.\n990, 4, 200.\n*NODE PRINT, NSET=NALL\nU\n*END STEP\n"
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and [load.by_area for load in scene.loads] == ["edges"] * 2
+    moved = (0.04407712, -0.02901337, -0.1176438)
+    assert displacement(scene, (3, 1, 1.2)) == pytest.approx(moved, rel=1e-6)
+    plain = tuple(replace(load, by_area=True) for load in scene.loads)
+    assert np.abs(displacement(replace(scene, loads=plain), (3, 1, 1.2)) / moved - 1).max() > 0.01
+    with pytest.raises(SceneError, match="by_area = 'corners' of the CoupledForce"):
+        replace(scene.loads[0], by_area="corners")
+
+
 def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
     scene, _ = started(tmp_path, block("C3D20R", (3, 1, 1.2)))
     assert not scene.constraints
