@@ -23,8 +23,8 @@ NEAR = 1e-6
 class DeckTemperatures:
     """Temperatures of a body in a deck over the largest one of the deck, the ``field`` of a ThermalExpansion.
 
-    They are those of the end of the last step above *INITIAL CONDITIONS: linear in cells of second order, and the mean
-    of the corners in those of first order, as in CalculiX, whose strains are as constant.
+    They are those of the end of the last step above *INITIAL CONDITIONS: linear in cells of second order, nearest to
+    the values at all nodes, and the mean of the corners in those of first order, as in CalculiX.
 
     Attributes:
         path: the deck.
