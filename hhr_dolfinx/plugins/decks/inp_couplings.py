@@ -140,7 +140,7 @@ def _with_ways(
         axis = int(np.abs(place_of).argmax())
         if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
             return "no counterpart: its pilot node is on no axis of the mesh"
-        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, by_area=False)
+        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, "angles")
     if block.keyword == "DISTRIBUTING COUPLING":  # in CalculiX the mean of its nodes, without rotations
         return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)}, by_area=False)
     point = tuple(place_of[:dim].tolist())

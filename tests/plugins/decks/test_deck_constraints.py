@@ -60,6 +60,13 @@ BY_CCX = {
         "*BOUNDARY\n904, 1, 1, 0.02\n",
         (0.0, 0.01, -0.01),
     ),
+    # nodes at different distances from the axis, whose angles count alike
+    "mean rotation of a block": (
+        "*NODE\n904, 0., 1., 0.\n*MPC\nMEANROT, 3, 3, 3, 4, 4, 4, 5, 5, 5, 8, 8, 8,\n9, 9, 9, 10, 10, 10, 13, 13, 13, "
+        "14, 14, 14,\n15, 15, 15, 18, 18, 18, 19, 19, 19, 20, 20, 20, 904\n",
+        "*BOUNDARY\n904, 1, 1, 0.02\n",
+        (-0.01103928, -5.534173e-05, -0.05462017),
+    ),
     "equations": (
         "*EQUATION\n3\n5, 3, 1., 10, 3, -2., 15, 1, 0.5\n2\n20, 2, 1., 901, 2, -1.\n2\n901, 2, 1., 15, 2, -2.\n",
         "*CLOAD\nBAR_X1, 3, -0.1\n901, 2, 0.2\n",
