@@ -146,6 +146,17 @@ def test_the_normal_of_a_section(face, normal, sign, step, tmp_path):
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, sign * 5.0), rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("normal", "said"), [("1., 0., 0.", ""), ("3., 0., 0.001", ""), ("1., 0., 0.2", "11 degrees off")]
+)
+def test_a_normal_that_is_not_that_of_its_section(normal, said, tmp_path):
+    """CalculiX draws the sides together along it, and a scene along their own one: it is said."""
+    text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = f"*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
+    _, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    assert said in output and ("TODO" in output) == bool(said)
+
+
 FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"
 
 
