@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
-from hhr_dolfinx.geometries.cells import CORNERS, EDGES
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, of_kind
@@ -101,8 +101,11 @@ def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
     """Kinds of the cells of a body, and numbers of their nodes."""
     deck = nodes.deck
     elements = deck.element_sets.get(str(tag).upper(), deck.elements if tag == "all" else ())
+    most = max((DIMENSION.get(kind, 0) for kind, _ in deck.elements.values()), default=0)
     kinds = {number: deck.elements[number][0] for number in elements if number in deck.elements}
-    return [(kind, deck.whole[one]) for one, kind in kinds.items() if kind in CORNERS]
+    # a set may hold membranes on the sides of its solids too
+    kinds = {number: kind for number, kind in kinds.items() if DIMENSION.get(kind) == most}
+    return [(kind, deck.whole[one]) for one, kind in kinds.items()]
 
 
 def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:

@@ -85,6 +85,16 @@ def test_nodes_on_edges_have_temperatures(kind, tmp_path):
     assert mean == pytest.approx(1e-4 * 10.0 * 4.0**3 / 3, rel=1e-6)
 
 
+def test_a_set_with_membranes_too(tmp_path):
+    """The end moves as without one on a side of its cells."""
+    membrane = "*ELEMENT, TYPE=M3D4, ELSET=BAR\n900, 1, 2, 7, 6\n*MATERIAL"
+    text = bar("*TEMPERATURE\n" + ALONG, EXPANSION + START).replace("*MATERIAL", membrane, 1)
+    full = hhr.FullOrderModel(scene_of(started(tmp_path, text)[0]))
+    moved = full.solve(full.parameters.middle).displacement().reshape(-1, 3)
+    tip = np.abs(full.problem.points[:, 0] - 4.0) < 1e-9
+    assert moved[tip, 0].mean() == pytest.approx(1e-4 * 4 * 60, rel=1e-9)
+
+
 def test_one_body_of_two(tmp_path):
     """A body with one temperature keeps a number; nodes that coincide with hot ones of the other body stay cold."""
     hot = "".join(f"{1001 + k}, {50.0 + k!r}\n" for k in range(32))
