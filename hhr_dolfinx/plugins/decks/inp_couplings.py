@@ -153,8 +153,9 @@ def _with_ways(
         if turned is not None:
             ways[(turned, axis)] = dim + k
     # areas do not matter on nodes that move as a rigid body
-    kinds = set() if rigid else {nodes.deck.types[number].strip() for number in nodes.solids}
-    return Coupling(block, place, rigid, components, point, ways, "edges" if kinds == {"C3D20"} else True)
+    return Coupling(
+        block, place, rigid, components, point, ways, "edges" if not rigid and nodes.types == {"C3D20"} else True
+    )
 
 
 def _components(block: Block, dim: int) -> tuple[int, ...] | None:

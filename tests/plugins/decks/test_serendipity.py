@@ -71,6 +71,14 @@ def test_a_moment_on_a_distributing_coupling(tmp_path):
         replace(scene.loads[0], by_area="corners")
 
 
+def test_membranes_on_sides_of_cells(tmp_path):
+    """They are left out, and the cells keep their 20 nodes."""
+    text = block("C3D20", (3, 1, 1.2))
+    side = "*ELEMENT, TYPE=M3D4, ELSET=SKIN\n900, 1, 4, 5, 2\n*MATERIAL"
+    scene, _ = started(tmp_path, text.replace("*MATERIAL", side, 1))
+    assert scene.constraints == TWENTY
+
+
 def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
     scene, _ = started(tmp_path, block("C3D20R", (3, 1, 1.2)))
     assert not scene.constraints
