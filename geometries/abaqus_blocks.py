@@ -247,6 +247,10 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
         words = [word for word in row if word]
         if ranges:
             first, last, step = (*(int(word) for word in words), 1)[:3]
+            if step < 1 or last < first:
+                raise ValueError(
+                    f"no numbers go from {first} to {last} in steps of {step}: write the smaller one first"
+                )
             found.extend(range(first, last + 1, step))
             continue
         for word in words:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity, vstack
@@ -21,13 +21,14 @@ class Followers:
         own: followers, (N,) bool.
         map: T, (N, N), with zero columns at the followers; None if no dof follows.
         cells: nodes that act on each other through followers, (groups, nodes), non-zero where a node is in a group.
-        middle: followers whose contact conditions are parts of those at the nodes that they follow, (k,).
+        middle: positive shares of dofs whose contact conditions are parts of those at other nodes, (N, N); None for
+            none.
     """
 
     own: np.ndarray
     map: csr_matrix | None = None
     cells: csr_matrix | None = None
-    middle: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    middle: csr_matrix | None = None
 
     @classmethod
     def nobody(cls, size: int) -> Followers:

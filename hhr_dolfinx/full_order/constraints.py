@@ -88,8 +88,10 @@ def followers_of(
             displacements that are imposed.
     """
     found = []
+    middle = None
     for item in scene.constraints:
         given = item.equations(assembler(item))
+        middle = _shares(given, free.size) if given.middle else middle
         part, left_out = _without_imposed(given, free)
         amplitude = bound(item.amplitude, scene.parameters)
         own = given.take(left_out)
@@ -113,8 +115,15 @@ def followers_of(
             column = factors.solve(given_there), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
     whole = csr_matrix(follows + diags((~own).astype(float)))
-    middle = np.concatenate([part.dependent for _, part in found if part.middle] or [np.zeros(0, dtype=int)])
     return Followers(own, whole, _groups(cell_nodes, follows, own), middle), terms
+
+
+def _shares(given: Equations, size: int) -> csr_matrix:
+    """Positive shares of dofs in the middle of faces in others, (N, N), also of dofs that are imposed or lead now."""
+    entries = given.rows.tocoo()
+    kept = entries.data < 0
+    places = given.dependent[entries.row[kept]], entries.col[kept]
+    return csr_matrix((-entries.data[kept], places), shape=(size, size))
 
 
 def without_repeated(
@@ -154,16 +163,17 @@ def _without_middles(
     Nodes of edges take them over by areas: functions psi of a pair then still have the sum 1.
     """
     dim = rows.points.shape[1]
-    middle = np.flatnonzero(np.isin(dim * rows.slaves, follow.middle))
-    if follow.map is None or not middle.size:
+    shares = csr_matrix((pairs.size, 0)) if follow.middle is None else follow.middle[dim * rows.slaves]
+    middle = np.flatnonzero(np.diff(shares.indptr))
+    if not middle.size:
         return rows, pairs, gaps
-    entries = follow.map[dim * rows.slaves[middle]].tocoo()
+    entries = shares[middle].tocoo()
     count = pairs.size
     keys = pairs * (follow.own.size + 1) + dim * rows.slaves
     wanted = pairs[middle[entries.row]] * (follow.own.size + 1) + entries.col
     order = np.argsort(keys)
     place = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
-    there = (keys[place] == wanted) & (entries.data > 0)
+    there = keys[place] == wanted
     shares = csr_matrix((entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count))
     given = np.asarray(shares.sum(axis=0)).ravel()
     kept = np.flatnonzero(given == 0)

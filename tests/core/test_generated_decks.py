@@ -87,6 +87,8 @@ REFUSED = {
     "sets": ("*NFILL\nA, B, 2, 10\n", "line 2: sets 'A' and 'B' have 0 and 0 nodes"),
     "element": ("*ELGEN\n7, 2\n", "line 2: there is no element 7 before it"),
     "nothing": ("*ELGEN\n,\n", "line 2"),
+    "range": ("*NSET, NSET=A, GENERATE\n4, 1\n", "block *NSET at line 2: no numbers go from 4 to 1 in steps of 1"),
+    "no step": ("*NSET, NSET=A, GENERATE\n1, 4, 0\n", "block *NSET at line 2: no numbers go from 1 to 4 in steps of 0"),
     "zero": ("*NODE\n1, 0, 0\n4, 1, 0\n*NGEN\n1, 4, 0\n", "line 5: nodes 1 and 4 are not there, or not 0 apart"),
 }
 

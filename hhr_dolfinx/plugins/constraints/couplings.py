@@ -22,6 +22,12 @@ from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
 
 UNDETERMINED = 1e-8
 """Part of a motion that nodes do not show above which they leave it undetermined."""
+EDGES = "edges"
+"""Value of ``by_area`` that leaves out nodes in the middle of faces."""
+ANGLES = "angles"
+"""Value of ``by_area`` for the mean of the angles by which nodes turn."""
+CORNERS = 4
+"""Number of corners of a quadrilateral of nine nodes, of which those of edges follow, and the middle is the last."""
 TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 """Axes of the planes of rotations, by the dimension."""
 
@@ -108,10 +114,17 @@ class _Coupled:
     amplitude: Amplitude | Formula = Amplitude()
     point: tuple[float, ...] | None = None
     components: tuple[int, ...] | None = None
-    by_area: bool = True
+    by_area: bool | str = True
 
     def __post_init__(self) -> None:
         what = f"the {type(self).__name__} of {self.place!r}"
+        if self.by_area not in (True, False, EDGES, ANGLES):
+            known = f"True, False, {EDGES!r} or {ANGLES!r}"
+            raise SceneError(f"by_area = {self.by_area!r} of {what} must be {known}")
+        if self.by_area == ANGLES and (self.component < 3 or self.point or self.components):
+            raise SceneError(
+                f"by_area = {ANGLES!r} of {what} is for a rotation in space, 3 to 5, about the centre alone"
+            )
         check_place(what, self.place)
         if not is_whole(self.component, 0) or self.component > 5:
             raise SceneError(f"component {self.component!r} of {what} must be 0 to 5, in the plane 0, 1 or 2")
@@ -124,7 +137,7 @@ class _Coupled:
 
     def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
         """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
-        nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area)
+        nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area in (True, EDGES))
         dim = points.shape[1]
         turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
         if self.component >= dim + len(turns) or (self.point is not None and len(self.point) != dim):
@@ -132,6 +145,8 @@ class _Coupled:
                 f"component {self.component} of {self!r} does not exist in {dim} dimensions, or its point has another "
                 "number of coordinates; in axisymmetry there are no rotations"
             )
+        if self.by_area == ANGLES:
+            return (dim * nodes[:, None] + np.arange(dim)).ravel(), _angles(points, turns[self.component - dim]).ravel()
         coupled = _coupled(self, dim)
         found = fit_of(points, self._weights(assembler, nodes), self.component, self.point, coupled, turns)
         if found is None:
@@ -141,7 +156,7 @@ class _Coupled:
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
         """Weights of nodes with the sum 1, (n,)."""
         weights = np.ones(nodes.size)
-        if self.by_area and isinstance(self.place, int | str):
+        if self.by_area in (True, EDGES) and isinstance(self.place, int | str):
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
                 weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
@@ -150,7 +165,36 @@ class _Coupled:
                     along = np.eye(dim)[-1].tolist()
                     form = elasticity.traction(assembler.test, along, assembler.hypothesis, assembler.ds(self.place))
                     weights = assembler.vector(form)[dim * nodes + dim - 1]
+                    if self.by_area == EDGES:
+                        weights = _of_edges(weights, np.searchsorted(nodes, surface.nodes)[surface.quadratic.nodes])
         return weights / weights.sum()
+
+
+def _angles(points: np.ndarray, turn: tuple[int, int]) -> np.ndarray:
+    """Coefficients, (n, dim), of the displacements of points in the mean of their angles about the axis at the centre.
+
+    Points on the axis count as such that do not turn, as in CalculiX.
+    """
+    away = points - points.mean(axis=0)
+    squares = (away[:, list(turn)] ** 2).sum(axis=1)
+    beside = squares > UNDETERMINED**2 * (away**2).sum(axis=1).mean()
+    found = np.zeros_like(points)
+    for axis, other, sign in ((turn[0], turn[1], -1.0), (turn[1], turn[0], 1.0)):
+        found[beside, axis] = sign * away[beside, other] / squares[beside]
+    shares: np.ndarray = (found - found.mean(axis=0)) / len(points)
+    return shares
+
+
+def _of_edges(weights: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Weights of nodes, (n,), with those in the middle of facets, (F, K), by the functions of serendipity elements."""
+    if facets.shape[1] <= 2 * CORNERS:
+        return weights
+    found = weights.copy()
+    middle = facets[:, -1]
+    np.add.at(found, facets[:, CORNERS:-1], weights[middle, None] / 2)
+    np.add.at(found, facets[:, :CORNERS], -weights[middle, None] / 4)
+    found[middle] = 0.0
+    return found
 
 
 @dataclass(frozen=True)
@@ -166,7 +210,9 @@ class MeanMotion(_Coupled):
         amplitude: the motion: a number, an Amplitude, or a formula of the parameters as text.
         point: the reference point, (dim,); None for the centre of the nodes, whose displacement is their mean.
         components: those of the nodes that are coupled; None for all of them.
-        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; else equally.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
+            With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
+            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre, as *MPC MEANROT.
     """
 
     def equations(self, assembler: Assembler) -> Equations:
@@ -191,7 +237,9 @@ class CoupledForce(_Coupled):
         amplitude: force or moment: a number, an Amplitude, or a formula of the parameters as text.
         point: the reference point, (dim,); None for the centre of the nodes.
         components: those of the nodes that are coupled; None for all of them.
-        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; else equally.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
+            With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
+            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre, as *MPC MEANROT.
     """
 
     def terms(self, assembler: Assembler) -> list[Term]:

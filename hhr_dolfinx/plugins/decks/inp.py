@@ -136,7 +136,7 @@ class _Reader:
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
     """Elements of 20 nodes are those of the scene too if all are integrated fully, as these."""
-    kinds = {nodes.deck.types[number].strip() for number in nodes.solids}
+    kinds = nodes.types
     if not kinds or not kinds <= {"C3D20", "CPE8"}:
         return deck
     made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")

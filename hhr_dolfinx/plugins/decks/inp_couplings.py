@@ -27,13 +27,13 @@ class Coupling:
     components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
     point: tuple[float, ...] | None  # coordinates of the reference node, None for the centre of the nodes
     ways: Mapping[tuple[int, int], int]  # component of the motion by the node and its degree of freedom, 0 to 5
-    alike: bool = False  # nodes count equally, also those of whole facets
+    by_area: bool | str = True  # how nodes count, as in CoupledForce
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
         """A motion or a force as text of Python."""
         more = "" if self.point is None else f", point={self.point!r}"
         more += "" if self.components is None else f", components={self.components!r}"
-        more += ", by_area=False" if self.alike else ""
+        more += "" if self.by_area is True else f", by_area={self.by_area!r}"
         return f"hhr.{kind}({self.place!r}, {component}, {amplitude}{more})"
 
     def shows(self, parts: NamedParts, component: int, hypothesis: str) -> bool:
@@ -140,9 +140,9 @@ def _with_ways(
         axis = int(np.abs(place_of).argmax())
         if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
             return "no counterpart: its pilot node is on no axis of the mesh"
-        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, alike=True)
+        return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, "angles")
     if block.keyword == "DISTRIBUTING COUPLING":  # in CalculiX the mean of its nodes, without rotations
-        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)}, alike=True)
+        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)}, by_area=False)
     point = tuple(place_of[:dim].tolist())
     if pilot in nodes.of_cells and rigid and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0:
         return "its reference node is one of cells outside of its nodes"
@@ -152,7 +152,10 @@ def _with_ways(
         ways[(pilot, 3 + axis)] = dim + k
         if turned is not None:
             ways[(turned, axis)] = dim + k
-    return Coupling(block, place, rigid, components, point, ways)
+    # areas do not matter on nodes that move as a rigid body
+    return Coupling(
+        block, place, rigid, components, point, ways, "edges" if not rigid and nodes.types == {"C3D20"} else True
+    )
 
 
 def _components(block: Block, dim: int) -> tuple[int, ...] | None:

@@ -40,11 +40,21 @@ class DeckNodes:
         return np.array(self.deck.nodes[number])
 
     @cached_property
-    def of_cells(self) -> frozenset[int]:
-        """Nodes of the elements of the highest dimension."""
+    def cells(self) -> list[int]:
+        """Numbers of the elements of the highest dimension."""
         kinds = {number: DIMENSION.get(kind, 3 if kind != "line" else 1) for number, (kind, _) in self.solids.items()}
         most = max(kinds.values(), default=0)
-        return frozenset(node for number, dim in kinds.items() if dim == most for node in self.deck.whole[number])
+        return [number for number, dim in kinds.items() if dim == most]
+
+    @cached_property
+    def of_cells(self) -> frozenset[int]:
+        """Nodes of the elements of the highest dimension."""
+        return frozenset(node for number in self.cells for node in self.deck.whole[number])
+
+    @property
+    def types(self) -> set[str]:
+        """Types of the elements of the highest dimension."""
+        return {self.deck.types[number].strip() for number in self.cells}
 
     @property
     def solids(self) -> dict[int, tuple[str, list[int]]]:

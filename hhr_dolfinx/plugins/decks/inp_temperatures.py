@@ -9,13 +9,21 @@ import numpy as np
 
 from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
-from hhr_dolfinx.geometries.cells import CORNERS
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, of_kind
 
 ALIKE = 1e-9
 """Difference of temperatures over the largest one up to which they are one."""
+
+PROJECTED = {
+    "triangle": (3 / 5, -1 / 5),
+    "quadrilateral": (2 / 3, 0.0),
+    "tetrahedron": (8 / 15, -2 / 15),
+    "hexahedron": (2 / 3, 0.0),
+}
+"""Values at the ends of an edge, and at other corners, of the best linear function for one that is 1 in its middle."""
 
 
 def heated_of(
@@ -37,14 +45,13 @@ def heated_of(
     most = max(rise.values(), key=abs, default=0.0)
     loads = []
     for tag, material in bodies.items():
-        corners = cells_of(nodes, tag)
-        own = np.array([[rise.get(number, 0.0) for number in one] for one in corners])
+        own = _at_corners(nodes, tag, rise)
         if not material.expansion or not own.any():
             continue
         text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
         if np.ptp(own) <= ALIKE * np.abs(own).max():
             loads.append(Load("temperature", f"{text})", float(own[0, 0]), given[0].source))
-        elif not np.allclose(own / most, _fractions(found, nodes, corners), atol=ALIKE):
+        elif not np.allclose(own / most, _fractions(found, nodes, tag), atol=ALIKE):
             left.append(given[0].left(f"the distribution of the temperature of body '{tag}' changes with the steps"))
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
@@ -56,24 +63,50 @@ def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the deck, (c, k)."""
     nodes = DeckNodes(flat_deck(path))
     found = [Block(path.name, *block) for block in blocks(path)]
-    corners = cells_of(nodes, tag)
-    points = np.array([[nodes.point(number) for number in one] for one in corners])
-    return points, _fractions(found, nodes, corners)
+    points = np.array([[nodes.point(number) for number in one[: CORNERS[kind]]] for kind, one in _cells(nodes, tag)])
+    return points, _fractions(found, nodes, tag)
 
 
-def _fractions(found: Sequence[Block], nodes: DeckNodes, corners: list[list[int]]) -> np.ndarray:
-    """Rises at corners of cells at the end of the last step, over the largest of the deck."""
+def _fractions(found: Sequence[Block], nodes: DeckNodes, tag: Tag) -> np.ndarray:
+    """Rises at corners of cells at the end of the last step, over the largest of the deck, (c, k)."""
     rise = rise_of(found, imposed_of(found), nodes)
     most = max(rise.values(), key=abs, default=0.0)
-    return np.array([[rise.get(number, 0.0) for number in one] for one in corners]) / (most or 1.0)
+    return _at_corners(nodes, tag, rise) / (most or 1.0)
 
 
-def cells_of(nodes: DeckNodes, tag: Tag) -> list[list[int]]:
-    """Numbers of the corners of the cells of a body."""
+def _at_corners(nodes: DeckNodes, tag: Tag, rise: Mapping[int, float]) -> np.ndarray:
+    """Temperatures at the corners of the cells of a body, (c, k).
+
+    In cells of second order they are those of the linear function that is nearest to the quadratic one, of equal mean:
+    linear strains feel no difference, and CalculiX does so in C3D20.
+    """
+    cells = _cells(nodes, tag)
+    if not cells:
+        return np.zeros((0, 0))
+    kind = cells[0][0]
+    given = np.array([[rise.get(number, 0.0) for number in one] for _, one in cells])
+    count = CORNERS[kind]
+    ends = np.array(EDGES[kind])
+    own = given[:, :count]
+    middles = given[:, count : count + len(ends)]
+    if middles.shape[1] < len(ends):
+        return own
+    near, beyond = PROJECTED[kind]
+    shares = np.full((len(ends), count), beyond)
+    shares[np.arange(len(ends))[:, None], ends] = near
+    found: np.ndarray = own + (middles - own[:, ends].mean(axis=2)) @ shares
+    return found
+
+
+def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
+    """Kinds of the cells of a body, and numbers of their nodes."""
     deck = nodes.deck
     elements = deck.element_sets.get(str(tag).upper(), deck.elements if tag == "all" else ())
+    most = max((DIMENSION.get(kind, 0) for kind, _ in deck.elements.values()), default=0)
     kinds = {number: deck.elements[number][0] for number in elements if number in deck.elements}
-    return [deck.whole[one][: CORNERS[kind]] for one, kind in kinds.items() if kind in CORNERS]
+    # a set may hold membranes on the sides of its solids too
+    kinds = {number: kind for number, kind in kinds.items() if DIMENSION.get(kind) == most}
+    return [(kind, deck.whole[one]) for one, kind in kinds.items()]
 
 
 def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:

@@ -18,6 +18,8 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 
 ROUNDED = 1e-4
 """Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
+TILTED = 1.0
+"""Angle in degrees up to which a normal is that of a section: decks have few digits."""
 
 
 class BoltSection(NamedTuple):
@@ -88,14 +90,27 @@ def sections_of(
         if not isinstance(name, str):
             left.append(block.left("no counterpart: its SURFACE= is no surface with facets of the mesh"))
             continue
-        sign = _sign(block, parts.raw.points[parts.surfaces[name]].mean(axis=(0, 1)), nodes)
+        corners = parts.raw.points[parts.surfaces[name]].reshape(-1, parts.raw.dim)
+        sign = _sign(block, corners.mean(axis=0), nodes)
+        off = _off(block, corners)
         try:
             parts = NamedParts(cut(parts.raw, name))
         except FileContentError as error:
             left.append(block.left(f"the mesh cannot be cut there: {error}"))
             continue
         sections.append(BoltSection(block, name, sign))
+        if off > TILTED:
+            left.append(block.left(f"its normal is {off:.2g} degrees off that of its section, which counts here"))
     return sections, parts
+
+
+def _off(block: Block, corners: np.ndarray) -> float:
+    """Angle between the normal that a section is given and that of its corners, (n, dim), in degrees; 0 without one."""
+    given = np.array([*(block.numbers(block.rows[0]) if block.rows else ()), 0.0, 0.0, 0.0][: corners.shape[1]])
+    if not given.any():
+        return 0.0
+    normal = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2][-1]
+    return float(np.rad2deg(np.arccos(min(abs(given @ normal) / np.linalg.norm(given), 1.0))))
 
 
 def _sign(block: Block, middle: np.ndarray, nodes: DeckNodes) -> float:

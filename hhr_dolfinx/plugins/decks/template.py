@@ -128,13 +128,14 @@ def _by_places(
     parts: NamedParts, piece: Mapping[Tag, int], pair: tuple[Tag, Tag], source: str, left: list[Left]
 ) -> tuple[list[Support], list[Load]]:
     """Supports and a pressure on the far sides of the bodies of a contact pair."""
-    slave, master = pair
+    slave = pair[0]
     supports: list[Support] = []
     loads: list[Load] = []
     for number in sorted({piece[name] for name in pair}):
         far = _far(parts, [name for name in piece if piece[name] == number and name not in pair], slave)
         if far is None:
-            left.append(Left(source, "support", f"no named surface to hold the body of {slave!r} or {master!r}"))
+            own = next(name for name in pair if piece[name] == number)
+            left.append(Left(source, "support", f"no named surface to hold the body of {own!r}"))
             continue
         along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == piece[slave] else -1
         supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]

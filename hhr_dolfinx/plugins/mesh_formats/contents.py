@@ -48,7 +48,7 @@ class Contents:
     def reading(self, path: Path) -> Iterator[Iterator[str]]:
         """Lines of a file, counted; errors become FileContentError with the line."""
         try:
-            text = path.read_text(encoding="utf-8", errors="replace")
+            text = path.read_text(encoding="utf-8-sig", errors="replace")
             yield (line for self.line, line in enumerate(text.splitlines(), start=1))
         except (ValueError, IndexError, KeyError, OSError) as error:
             what = f"there is no {error}" if isinstance(error, KeyError) else error

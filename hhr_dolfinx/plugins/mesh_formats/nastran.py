@@ -19,6 +19,10 @@ _LINES = {"CROD": (2,), "CBAR": (2,), "CBEAM": (2,), "CTUBE": (2,), "CBEAM3": (2
 _KINDS = {name: (LOW, counts) for name, counts in _LINES.items()}
 _KINDS |= {name: (PLANE, counts) for name, counts in _PLANES.items()}
 _KINDS |= {name: (SOLID, counts) for name, counts in _SOLIDS.items()}
+WORDS = ("THRU", "SKIN")
+"""Words in lists of nodes."""
+USUAL = ""
+"""Name of no node, with the coordinate system of nodes that name none, by GRDSET."""
 _OTHERS = re.compile(r"C(?!ORD|END)[A-Z]+\d*|RB\w+|RROD|RSPLINE|PLOTEL")
 
 
@@ -30,15 +34,17 @@ def read_nastran(path: Path) -> RawMesh:
     """
     found = Contents()
     systems: dict[int, tuple[str, np.ndarray]] = {}
-    turned: dict[str, int] = {}
+    turned: dict[str, str] = {}
     _read(found, systems, turned, path)
     with found.reading(path):
-        for node, number in turned.items():
-            found.points[node] = _in_space(found.points[node], systems, number)
+        usual = turned.pop(USUAL, "")
+        for node, word in turned.items():
+            if number := int(word or usual or 0):
+                found.points[node] = _in_space(found.points[node], systems, number)
     return found.mesh(path)
 
 
-def _read(found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, int], path: Path) -> None:
+def _read(found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], path: Path) -> None:
     with found.reading(path) as lines:
         for name, words in _cards(lines):
             if name == "INCLUDE":
@@ -87,13 +93,14 @@ def _fields(line: str) -> tuple[str, list[str]]:
 
 
 def _take(
-    found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, int], name: str, words: list[str]
+    found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], name: str, words: list[str]
 ) -> None:
     """Add a card; those that are not part of a mesh are skipped."""
     if name == "GRID":
         found.points[words[0]] = [_number(word) for word in words[2:5]]
-        if int(words[1] or 0):
-            turned[words[0]] = int(words[1])
+        turned[words[0]] = words[1]
+    elif name == "GRDSET":
+        turned[USUAL] = words[1]
     elif name in ("CORD2R", "CORD2C", "CORD2S"):
         if int(words[1] or 0):
             raise ValueError(f"coordinate system {words[0]} refers to system {words[1]}: write points in system 0")
@@ -112,6 +119,8 @@ def _take(
         found.add(kinds[len(nodes)], words[0], nodes)
         if words[1]:
             found.sets.setdefault(int(words[1]), []).append(words[0])
+    elif name == "SET1" and any(word and not word.isdigit() and word.upper() not in WORDS for word in words[1:]):
+        found.left_out[f"SET1 {words[0]}"] = "its list has other words than numbers and THRU"
     elif name == "SET1":
         found.nodes.setdefault(f"SET1 {words[0]}", []).extend(_members(words[1:]))
     elif _OTHERS.fullmatch(name):

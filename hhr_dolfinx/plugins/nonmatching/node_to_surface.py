@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +43,8 @@ NESTED = 1.5
 
 WITH_MIDDLE = 9
 """Nodes of a facet of which the last one is in its middle."""
+CORNERS = 4
+"""Number of corners of such a facet, whose nodes come first."""
 
 
 class _Partners(NamedTuple):
@@ -69,7 +71,8 @@ class NodeToSurface(SlaveAndMaster):
         friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
         at_nodes: on cells of second order, True for conditions at single nodes of edges, as CalculiX has them, instead
-            of means around nodes. The end of a body presses at its nodes then; pressures at single nodes vary.
+            of means around nodes. The end of a body presses at its nodes then; pressures at single nodes vary. Nodes in
+            the middle of faces have no condition: on hexahedra this needs ``Serendipity()``, or faces pass there.
     """
 
     normal: tuple[float, ...] | None = None
@@ -119,10 +122,21 @@ class NodeToSurface(SlaveAndMaster):
 
 
 def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
-    """Rows without those in the middle of quadrilaterals of second order: CalculiX has no nodes there."""
+    """Rows without those in the middle of quadrilaterals of second order: CalculiX has no nodes there.
+
+    Nodes of edges take over their areas, so that these still have the sum of the surface.
+    """
     if slave.quadratic is None or slave.quadratic.nodes.shape[1] < WITH_MIDDLE:
         return rows
-    return rows.take(np.flatnonzero(~np.isin(rows.slaves, slave.nodes[slave.quadratic.nodes[:, -1]])))
+    place = np.full(slave.nodes.max() + 1, -1)
+    place[rows.slaves] = np.arange(rows.slaves.size)
+    whole = place[slave.nodes[slave.quadratic.nodes]]
+    middle = whole[:, -1]
+    edges = whole[:, CORNERS:-1]
+    there = (edges >= 0) & (middle >= 0)[:, None]
+    shares = rows.areas[middle][:, None] * there / np.maximum(there.sum(axis=1, keepdims=True), 1)
+    areas = rows.areas + np.bincount(edges[there], shares[there], rows.areas.size)
+    return replace(rows, areas=areas).take(np.setdiff1d(np.arange(rows.slaves.size), middle))
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:

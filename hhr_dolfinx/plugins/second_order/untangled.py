@@ -164,7 +164,10 @@ def mending(geometry: object) -> str:
     """Advice for a scene with folded cells of second order, by its geometry."""
     if isinstance(geometry, Untangled):
         return "mend the mesh there"
-    wrapped = f"Untangled({geometry!r})" if isinstance(geometry, MeshFile) else "Untangled of a mesh file"
+    wrapped = "Untangled of a mesh file"
+    if isinstance(geometry, MeshFile):
+        named = str(geometry.path) if geometry == MeshFile(geometry.path) else geometry
+        wrapped = f"Untangled({named!r})"
     return f"mend the mesh there, or take geometry=hhr.{wrapped}, which straightens them"
 
 

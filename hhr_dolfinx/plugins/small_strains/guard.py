@@ -128,11 +128,14 @@ class StrainGuard(Guard):
             self._judge(full.problem, points, sizes)
 
     def _of_corners(self, model: AnsweringModel, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of a box, (2, P), with an answer, (S, P), and the strain and the rotation there, (S, 2)."""
+        """Corners of a box, (2, P), and its middle, with an answer, (S, P), and strain and rotation there, (S, 2).
+
+        Loads that are formulas may be largest in the middle.
+        """
         count = 2 ** min(ends.shape[1], 10)
         numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
         axes = np.arange(ends.shape[1])
-        corners = np.array([ends[(number >> (axes % 10)) & 1, axes] for number in numbers])
+        corners = np.array([*(ends[(number >> (axes % 10)) & 1, axes] for number in numbers), ends.mean(axis=0)])
         with ignored(Warning):  # the user did not request answers in corners
             many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
         found = [answer for answer in many if answer.converged]

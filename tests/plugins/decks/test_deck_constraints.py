@@ -62,6 +62,13 @@ BY_CCX = {
         "*BOUNDARY\n904, 1, 1, 0.02\n",
         (0.0, 0.01, -0.01),
     ),
+    # nodes at different distances from the axis, whose angles count alike
+    "mean rotation of a block": (
+        "*NODE\n904, 0., 1., 0.\n*MPC\nMEANROT, 3, 3, 3, 4, 4, 4, 5, 5, 5, 8, 8, 8,\n9, 9, 9, 10, 10, 10, 13, 13, 13, "
+        "14, 14, 14,\n15, 15, 15, 18, 18, 18, 19, 19, 19, 20, 20, 20, 904\n",
+        "*BOUNDARY\n904, 1, 1, 0.02\n",
+        (-0.01103928, -5.534173e-05, -0.05462017),
+    ),
     "equations": (
         "*EQUATION\n3\n5, 3, 1., 10, 3, -2., 15, 1, 0.5\n2\n20, 2, 1., 901, 2, -1.\n2\n901, 2, 1., 15, 2, -2.\n",
         "*CLOAD\nBAR_X1, 3, -0.1\n901, 2, 0.2\n",
@@ -139,6 +146,17 @@ def test_the_normal_of_a_section(face, normal, sign, step, tmp_path):
     section = f"*SURFACE, NAME=CUT\n{face}\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
     scene, _ = started(tmp_path, text.replace("*STEP", PILOTS + section.replace("\n\n", "\n")))
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, sign * 5.0), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("normal", "said"), [("1., 0., 0.", ""), ("3., 0., 0.001", ""), ("1., 0., 0.2", "11 degrees off")]
+)
+def test_a_normal_that_is_not_that_of_its_section(normal, said, tmp_path):
+    """CalculiX draws the sides together along it, and a scene along their own one: it is said."""
+    text = bar("*BOUNDARY\n903, 1, 1, 0.02").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
+    section = f"*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n{normal}\n*STEP"
+    _, output = started(tmp_path, text.replace("*STEP", PILOTS + section))
+    assert said in output and ("TODO" in output) == bool(said)
 
 
 FIXED = "*END STEP\n*STEP\n*STATIC\n*BOUNDARY, FIXED\n903, 1, 1"

@@ -7,6 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 from deck_texts import bar, blocks
+from deck_writer import Writer, at
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -54,6 +55,44 @@ def test_as_calculix(tmp_path):
     moved = full.solve(full.parameters.middle).displacement().reshape(-1, 3)
     order = [np.abs(full.problem.points - place).sum(axis=1).argmin() for place in places]
     np.testing.assert_allclose(moved[order], printed, atol=1e-6 * np.abs(printed).max())
+
+
+@pytest.mark.parametrize("kind", ["C3D20", "C3D10", "CPE8", "CPE6"])
+def test_nodes_on_edges_have_temperatures(kind, tmp_path):
+    """A bar at 10 x^2, of which corners alone have 3 % more: the end moves by alpha times the integral, by reciprocity.
+
+    Without Poisson's ratio also in the plane.
+    """
+    dim = 2 if kind.startswith("CPE") else 3
+    deck = Writer()
+    made = deck.box("EALL", kind, (4, 1, 1)[:dim], (0,) * dim, (4, 1, 1)[:dim])
+    for axis in range(dim):
+        deck.nset(f"LOW{axis}", made.nodes(at(axis, 0)))
+    deck.material(1000.0, 0.0, more="*EXPANSION/1e-4")
+    deck.section()
+    rows = zip(made.numbers.tolist(), made.points[:, 0].tolist(), strict=True)
+    deck.add("*BOUNDARY/" + "/".join(f"LOW{axis}, {axis + 1}" for axis in range(dim)) + "/*STEP/*STATIC/*TEMPERATURE")
+    deck.add("/".join(f"{node}, {10.0 * x * x!r}" for node, x in rows) + "/*END STEP")
+    name, output = started(tmp_path, deck.text)
+    assert "TODO" not in output
+    full = hhr.FullOrderModel(scene_of(name))
+    moved = full.solve(full.parameters.middle).displacement().reshape(-1, dim)[:, 0]
+    tip = np.abs(full.problem.points[:, 0] - 4.0) < 1e-9
+    # shares of nodes in a uniform pressure, by the number of their coordinates in the middle
+    middles = (np.abs(full.problem.points[tip, 1:dim] - 0.5) < 1e-9).sum(axis=1)
+    shares = {"C3D20": (1 / 36, 1 / 9, 4 / 9), "C3D10": (0, 1 / 6, 1 / 3)}.get(kind, (1 / 6, 2 / 3))
+    mean = np.array(shares)[middles] @ moved[tip]
+    assert mean == pytest.approx(1e-4 * 10.0 * 4.0**3 / 3, rel=1e-6)
+
+
+def test_a_set_with_membranes_too(tmp_path):
+    """The end moves as without one on a side of its cells."""
+    membrane = "*ELEMENT, TYPE=M3D4, ELSET=BAR\n900, 1, 2, 7, 6\n*MATERIAL"
+    text = bar("*TEMPERATURE\n" + ALONG, EXPANSION + START).replace("*MATERIAL", membrane, 1)
+    full = hhr.FullOrderModel(scene_of(started(tmp_path, text)[0]))
+    moved = full.solve(full.parameters.middle).displacement().reshape(-1, 3)
+    tip = np.abs(full.problem.points[:, 0] - 4.0) < 1e-9
+    assert moved[tip, 0].mean() == pytest.approx(1e-4 * 4 * 60, rel=1e-9)
 
 
 def test_one_body_of_two(tmp_path):

@@ -54,6 +54,31 @@ def test_a_block_under_forces_at_nodes(kind, ends, moved, tmp_path):
     assert np.abs(displacement(replace(scene, constraints=()), ends) / moved - 1).max() > 0.002
 
 
+def test_a_moment_on_a_distributing_coupling(tmp_path):
+    """CalculiX counts nodes by the functions of its elements; with those in the middle of faces they move 2 % off."""
+    text = block("C3D20", (3, 1, 1.2)).partition("*CLOAD")[0]
+    faces = "*SURFACE, NAME=HEAD\n" + "".join(f"{cell}, S4\n" for cell in (21, 22, 23, 24))
+    coupling = f"*NODE\n990, 4., 0.3, 0.9\n{faces}*COUPLING, REF NODE=990, SURFACE=HEAD, CONSTRAINT NAME=C\n"
+    text = text.replace("*STEP", f"{coupling}*DISTRIBUTING\n1, 6\n*STEP")
+    text += "*CLOAD\n990, 3, -300.\n990, 4, 200.\n*NODE PRINT, NSET=NALL\nU\n*END STEP\n"
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output and [load.by_area for load in scene.loads] == ["edges"] * 2
+    moved = (0.04407712, -0.02901337, -0.1176438)
+    assert displacement(scene, (3, 1, 1.2)) == pytest.approx(moved, rel=1e-6)
+    plain = tuple(replace(load, by_area=True) for load in scene.loads)
+    assert np.abs(displacement(replace(scene, loads=plain), (3, 1, 1.2)) / moved - 1).max() > 0.01
+    with pytest.raises(SceneError, match="by_area = 'corners' of the CoupledForce"):
+        replace(scene.loads[0], by_area="corners")
+
+
+def test_membranes_on_sides_of_cells(tmp_path):
+    """They are left out, and the cells keep their 20 nodes."""
+    text = block("C3D20", (3, 1, 1.2))
+    side = "*ELEMENT, TYPE=M3D4, ELSET=SKIN\n900, 1, 4, 5, 2\n*MATERIAL"
+    scene, _ = started(tmp_path, text.replace("*MATERIAL", side, 1))
+    assert scene.constraints == TWENTY
+
+
 def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
     scene, _ = started(tmp_path, block("C3D20R", (3, 1, 1.2)))
     assert not scene.constraints
@@ -139,3 +164,61 @@ def test_cells_without_nodes_in_the_middle(tmp_path):
     scene, _ = started(tmp_path, block("C3D8", (2, 1, 1)))
     with pytest.raises(SceneError, match="quadrilaterals or hexahedra of second order"):
         hhr.FullOrderModel(replace(scene, constraints=TWENTY))
+
+
+def stacked(folder, contact, constraints, more):
+    """Two cubes whose meshes do not match, the upper one pressed down by 0.002 along z and held along x and y."""
+    deck = Writer()
+    low = deck.box("LOW", "C3D20", (2, 2, 2), (0, 0, 0), (1, 1, 1))
+    up = deck.box("UP", "C3D20", (3, 3, 3), (0, 0, 1), (1, 1, 2))
+    deck.surface("LTOP", low.faces(at(2, 1)))
+    deck.surface("UBOT", up.faces(at(2, 1)))
+    deck.nset("FLOOR", low.nodes(at(2, 0)))
+    deck.nset("LID", up.nodes(at(2, 2)))
+    (folder / "two.inp").write_text(deck.text)
+    push = hhr.Displacement("LID", 2, hhr.Amplitude(slopes={"push": -1.0}))
+    held = (*hhr.Displacement.clamp("FLOOR", 3), *hhr.Displacement.clamp("LID", 3)[:2], push)
+    scene = hhr.Scene(
+        "two",
+        hhr.MeshFile(folder / "two.inp"),
+        "solid",
+        (hhr.Body("LOW", 1e5, 0.3), hhr.Body("UP", 1e5, 0.3)),
+        (contact,),
+        hhr.ParameterSpace(("push",), (0.0,), (0.004,)),
+        displacements=(*held, *more),
+        outputs=(hhr.ContactForce("force", 0, (0.0, 0.0, 1.0)),),
+        constraints=constraints,
+    )
+    full = hhr.FullOrderModel(scene)
+    return full, full.solve(0.002)
+
+
+NODES = hhr.NodeToSurface("UBOT", "LTOP", at_nodes=True)
+
+
+@needs("nonmatching", "mortar")
+@pytest.mark.parametrize("pair", [hhr.Mortar("UBOT", "LTOP"), NODES])
+def test_conditions_do_not_depend_on_the_order_of_constraints(pair, tmp_path):
+    """Another constraint may determine a node in the middle of a face: conditions count for edges all the same."""
+    mean = hhr.MeanMotion("UBOT", 0)
+    found = [stacked(tmp_path, pair, order, ())[1] for order in ((*TWENTY, mean), (mean, *TWENTY))]
+    forces = [answer.outputs()["force"] for answer in found]
+    assert found[0].forces().size == found[1].forces().size == 40
+    assert forces[0] == pytest.approx(forces[1], rel=1e-9)
+
+
+@needs("mortar")
+def test_surfaces_that_are_held_along_an_axis(tmp_path):
+    """By symmetry it does not matter which; nodes in the middle of faces follow no others along an axis held."""
+    pair = hhr.Mortar("UBOT", "LTOP")
+    held = [tuple(hhr.Displacement(name, axis) for name in ("UBOT", "LTOP")) for axis in (0, 1)]
+    found = [stacked(tmp_path, pair, TWENTY, more)[1] for more in held]
+    assert found[0].forces().size == found[1].forces().size == 40
+    assert found[0].outputs()["force"] == pytest.approx(found[1].outputs()["force"], rel=1e-8)
+
+
+@needs("nonmatching")
+def test_areas_at_nodes_are_those_of_the_surface(tmp_path):
+    full, answer = stacked(tmp_path, NODES, TWENTY, ())
+    assert answer.forces().size == 40
+    assert full.problem.contact_areas.sum() == pytest.approx(1.0, rel=1e-12)

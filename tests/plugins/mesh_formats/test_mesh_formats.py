@@ -327,6 +327,23 @@ def test_coordinate_systems_of_nastran(tmp_path):
     assert hhr.MeshFile(written(tmp_path / "s.nas", text)).read().points[0] == pytest.approx([0, 2])
 
 
+def test_the_usual_coordinate_system_of_nastran(tmp_path):
+    """GRDSET, here after its points, gives a system to those that name none; system 0 is one too."""
+    rows = ["CORD2C,4,,0.,0.,0.,0.,0.,1.", "+,1.,0.,0.", "GRID,1,,2.,90.,0.", "GRID,2,0,2.,0.,0.", "GRID,3,,0.,0.,0."]
+    text = "\n".join([*rows, "GRDSET,,4", "CTRIA3,1,1,1,2,3", "SET1,5,ALL", ""])
+    found = hhr.MeshFile(written(tmp_path / "s.nas", text)).read()
+    assert found.points == pytest.approx(np.array([[0.0, 2.0], [2.0, 0.0], [0.0, 0.0]]), abs=1e-12)
+    assert found.left_out == {"SET1 5": "its list has other words than numbers and THRU"}
+
+
+@pytest.mark.parametrize("name", ["c.mail", "c.feb", "c.k", "c.mdpa", "c.unv", "c.bdf"])
+def test_a_mark_of_unicode_before_the_text(name, tmp_path):
+    """Editors of Windows write one."""
+    text = {"c.unv": universal(), "c.bdf": bulk()}.get(name) or FILES[name]
+    (tmp_path / name).write_text(f"\ufeff{text}", encoding="utf-8")
+    assert len(hhr.MeshFile(tmp_path / name).read().cells) == 2
+
+
 def test_includes_of_nastran(tmp_path):
     head, points, rest = bulk().partition("GRID")
     grids, cells, last = (points + rest).partition("CHEXA")

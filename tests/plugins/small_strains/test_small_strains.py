@@ -151,6 +151,17 @@ def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
         read.solve(0.9 * limit)
 
 
+def test_a_load_that_is_largest_in_the_middle_of_the_box():
+    """The lid goes down by 12 t (2 - t), and not at all in the corners; a strain of 1 is that of t = 0.6."""
+    scene = squeezed(12.0)
+    still, moved = scene.displacements
+    moved = dataclasses.replace(moved, amplitude="-12 * t * (2 - t)")
+    space = hhr.ParameterSpace(("t",), (0.0,), (2.0,))
+    with pytest.warns(SmallStrainWarning, match=r"at t = 1: a strain of 1\.[12].*beyond t = 0 to 0\.5"):
+        model = hhr.condense(dataclasses.replace(scene, displacements=(still, moved), parameters=space))
+    assert model.trained.upper == pytest.approx([0.6], abs=0.05)
+
+
 def test_one_parameter_is_narrowed_if_that_is_enough():
     """Strains are 1.25 |a|, and grow no more with E: a is kept as far as it may go, E whole; a range before is kept."""
     space = hhr.ParameterSpace(("a", "E"), (-1.0, 1.0), (2.0, 3.0))
