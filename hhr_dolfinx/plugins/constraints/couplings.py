@@ -212,7 +212,7 @@ class MeanMotion(_Coupled):
         components: those of the nodes that are coupled; None for all of them.
         by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
             With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
-            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre, as *MPC MEANROT.
+            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre: ``*MPC MEANROT``.
     """
 
     def equations(self, assembler: Assembler) -> Equations:
@@ -239,7 +239,7 @@ class CoupledForce(_Coupled):
         components: those of the nodes that are coupled; None for all of them.
         by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
             With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
-            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre, as *MPC MEANROT.
+            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre: ``*MPC MEANROT``.
     """
 
     def terms(self, assembler: Assembler) -> list[Term]:

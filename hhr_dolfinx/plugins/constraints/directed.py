@@ -21,7 +21,7 @@ ON_AXIS = 1e-9
 
 @dataclass(frozen=True)
 class DirectedDisplacement:
-    """The component of the displacement of each node along a direction, as *TRANSFORM with *BOUNDARY of decks.
+    """The component of the displacement of each node along a direction, as ``*TRANSFORM`` with ``*BOUNDARY`` of decks.
 
     Attributes:
         place: surface or set of nodes.

@@ -58,7 +58,7 @@ def _in_order(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Equation:
-    """Sum of c_k u_k = amplitude, as *EQUATION of decks; the first displacement follows the others.
+    """Sum of c_k u_k = amplitude, as ``*EQUATION`` of decks; the first displacement follows the others.
 
     Places with several nodes make an equation for each, in the order of coordinates; a place with one node stands in
     each of them.

@@ -14,7 +14,7 @@ from hhr_dolfinx.plugins.places.places import NodalForce
 
 @dataclass(frozen=True)
 class NodalForces:
-    """Forces ``amplitude(mu) * vector`` at the nodes of several sets, as one load: those of a *CLOAD block.
+    """Forces ``amplitude(mu) * vector`` at the nodes of several sets, as one load: those of a ``*CLOAD`` block.
 
     Attributes:
         vectors: the force at each node of a set, (dim,), by the name of the set.

@@ -23,7 +23,7 @@ NEAR = 1e-6
 class DeckTemperatures:
     """Distribution of the temperature of a body in a deck, the ``field`` of a ThermalExpansion.
 
-    It is the change of temperature from *INITIAL CONDITIONS to the end of the last step, divided by the largest change
+    It is the change from ``*INITIAL CONDITIONS`` to the end of the last step, divided by the largest change
     of any node of the deck, which is the ``temperature`` of the load: linear in cells of second order,
     nearest to the values at all nodes, and the mean of the corners in those of first order, as in CalculiX.
 

@@ -78,7 +78,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class NodalForce:
-    """A force ``amplitude(mu) * vector`` at each node of a set, as *CLOAD of decks; in axisymmetry on its whole ring.
+    """A force ``amplitude(mu) * vector`` at each node of a set, ``*CLOAD`` of decks; in axisymmetry on its whole ring.
 
     Below a force at a point the displacement grows without limit as the mesh gets finer: give a pressure where it
     matters.
