@@ -46,31 +46,41 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     if len(times) > MOST:
         return _with_one_step(deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}")
     states = _states(found, times)
+    made = _followed(states, times, read)
+    if isinstance(made, str):
+        return _with_one_step(deck, steps[-1], made)
+    if made.history is None:
+        return deck
+    return replace(made, left=in_order((*made.left, *_released(found, states))))
+
+
+def _followed(states: Sequence[State], times: Sequence[float], read: Callable[[Sequence[Imposed]], Deck]) -> Deck | str:
+    """Deck with all that acts at some time, each with its largest value, and their history, None if nothing acts.
+
+    The reason why it has none is returned if a quantity has no one course.
+    """
     items, factors = _courses(states, merged=True)
     if not _one_course_by_name(items, factors):
         # a later step gives only some nodes of a block again: rows of different blocks stay apart
         items, factors = _courses(states, merged=False)
-    # all that acts at some time, each with its largest value
-    largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
     # at rest nothing acts, and temperatures are the initial ones
     rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
     acting = [
         [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
     ]
     decks = [read(state) for state in (rest, *acting)]
+    largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
     largest = _with_temperatures(largest, decks)
     amounts = _amounts(largest)
     if len(amounts) < sum(map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))):
-        return _with_one_step(deck, steps[-1], "rows of one block impose one quantity twice")
+        return "rows of one block impose one quantity twice"
     rows = [row for one in decks if (row := _fractions(_amounts(one), amounts)) is not None]
     if len(rows) < len(decks) or not _one_course_by_name(items, factors):
-        return _with_one_step(deck, steps[-1], "values of one block change their proportions between steps")
+        return "values of one block change their proportions between steps"
     columns = zip(*rows, strict=True)
     courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
-    if not courses:
-        return deck
-    left = in_order((*largest.left, *(item for one in decks for item in one.left), *_released(found, states)))
-    return replace(largest, history=History((0.0, *times), courses), left=left)
+    left = (*largest.left, *(item for one in decks for item in one.left))
+    return replace(largest, history=History((0.0, *times), courses) if courses else None, left=left)
 
 
 def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
