@@ -124,7 +124,7 @@ class _Reader:
             self.sections,
             tuple(supports),
             (*loads, *forces),
-            touching or _out_of_reach(self.whole, parts, supports),
+            touching or _out_of_reach(self.whole, parts, supports, constraints),
             in_order(left),
             sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
@@ -165,12 +165,16 @@ def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[L
             yield block.left("bodies creep in this step too: shorten its leg if they must not")
 
 
-def _out_of_reach(whole: NamedParts, parts: NamedParts, supports: Sequence[Support]) -> tuple[Pair, ...]:
+def _out_of_reach(
+    whole: NamedParts, parts: NamedParts, supports: Sequence[Support], constraints: Sequence[Load]
+) -> tuple[Pair, ...]:
     """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface.
 
-    A set of nodes may hold no whole facet of the mesh that is cut.
+    A set of nodes may hold no whole facet of the mesh that is cut. Nodes of rigid motions may all be imposed.
     """
-    pairs = whole.out_of_reach(supports, parts.surfaces)
+    rigid = [name for item in constraints if "RigidMotion" in item.text for name in whole.named_in(item.text)]
+    held = [*supports, *(Support(name, k, 0.0, "") for name in rigid for k in range(whole.raw.dim))]
+    pairs = whole.out_of_reach(held, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 

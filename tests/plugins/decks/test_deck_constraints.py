@@ -271,6 +271,18 @@ def test_a_cyclic_structure(tmp_path):
     assert "turned by the angle, do not coincide" in output
 
 
+def test_the_plane_out_of_reach_is_on_no_rigid_face(tmp_path):
+    """All motions of the end are imposed, so that a contact there would be empty: u = 0.04 at the end."""
+    imposed = "*BOUNDARY\n901, 1, 1, 0.04\n901, 2, 6\n"
+    lines = KINEMATIC.replace("1, 3", "1, 6")
+    text = coupled(lines, imposed).replace(FACE, "")
+    text = text.replace("*SURFACE, NAME=BAR_BOTTOM", f"{FACE}*SURFACE, NAME=BAR_BOTTOM")
+    scene, output = started(tmp_path, text)
+    assert "TODO" not in output
+    assert scene.contacts[0].surface != "HEAD"
+    assert end(*solved(scene))[0] == pytest.approx(0.04, rel=1e-9)
+
+
 def test_all_components_need_no_local_axes(tmp_path):
     """A coupling of all of them is the same in any axes."""
     axes = "*ORIENTATION, NAME=O\n1., 1., 0., -1., 1., 0.\n"
