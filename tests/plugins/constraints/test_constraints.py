@@ -355,6 +355,7 @@ def test_a_meridian_does_not_turn_in_its_plane():
         hhr.FullOrderModel(replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric"))
 
 
+@needs("second_order")
 def test_a_mean_of_second_order_is_that_of_a_pressure():
     """Its force is a traction of the surface: with lateral strain free all over, stress is the same everywhere."""
     mean = replace(pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), order=2, hypothesis="plane_stress")

@@ -107,7 +107,7 @@ def found(tmp_path_factory):
     return on
 
 
-@needs("nonmatching", "moduli", "places", "stress")
+@needs("nonmatching", "moduli", "places", "stress", "second_order")
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_ranks_do_not_change_constrained_answers(found, ranks):
     """Round-off only: 1e-10, as factors order their sums in another way; 3e-6 between RIDs of other node numbers."""

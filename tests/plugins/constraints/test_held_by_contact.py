@@ -81,7 +81,7 @@ def test_gradients_of_joined_bodies_are_differences():
             assert exact.multipliers[:, k] == pytest.approx((ahead.forces() - back.forces()) / 2e-5, abs=1e-6)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
 def test_a_force_apart_presses_a_plate(order, tmp_path):
     """Between the sides of a section the upper part of a bolt is loose: the plate bears the force, a mechanism."""
     made = scene(

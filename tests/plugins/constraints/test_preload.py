@@ -56,7 +56,7 @@ def scene(path, constraints=(), loads=(), gap=0.0, ways=("p", 0.1, 1.0), section
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
 def test_a_bolt_without_resistance_gets_shorter(order, tmp_path):
     """By the shortening, without any stress."""
     path = column(tmp_path / "bolt.inp", order)
@@ -67,7 +67,7 @@ def test_a_bolt_without_resistance_gets_shorter(order, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:kappa")
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
 def test_a_bolt_pushed_apart_presses_the_plate(order, tmp_path):
     """A negative shortening against a plate: force E A (δ - gap) / L, in full, condensed and hyper-reduced models."""
     path = column(tmp_path / "bolt.inp", order)

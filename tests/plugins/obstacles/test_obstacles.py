@@ -301,6 +301,7 @@ def test_a_ring_in_a_hole_whose_radius_is_a_parameter():
     assert full.solve(2.01).forces() == pytest.approx(fixed.solve(2.0).forces(), abs=1e-12)
 
 
+@needs("second_order")
 def test_cells_of_second_order_average_what_parameters_add():
     """The gaps of all conditions at a point are those of an obstacle there."""
     scene = ring(

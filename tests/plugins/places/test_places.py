@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import block_scene
 
 import hhr_dolfinx as hhr
@@ -59,6 +60,7 @@ def test_a_beam_on_two_lines(places, tmp_path):
     assert hhr.condense(full).solve(5.0).outputs()["force"] == pytest.approx(13.3106, abs=1e-4)
 
 
+@needs("second_order")
 def test_nodes_between_those_of_a_line_are_held_too(tmp_path):
     """With functions of second order: the line is held whole, by its name and by its places."""
     path = deck(tmp_path / "beam.inp")
@@ -157,6 +159,7 @@ def test_mistakes(make, why):
         make()
 
 
+@needs("second_order")
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
