@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.compat import netcdf4
+from hhr_dolfinx.compat import netcdf_read
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, of_other_kinds, one_kind, sides_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
@@ -24,8 +24,7 @@ _SIDES = FACES | {"hexahedron": _HEX_SIDES, "tetrahedron": _TET_SIDES}
 
 def read_exodus(path: Path) -> RawMesh:
     """Read the mesh of an Exodus file; raise FileContentError for several kinds of cells."""
-    with netcdf4(f"the mesh file {path}").Dataset(path) as data:
-        data.set_auto_mask(False)
+    with netcdf_read(path, f"the mesh file {path}") as data:
         return _read(data, path)
 
 

@@ -7,13 +7,12 @@ itself, in raw files or in HDF5. netCDF4 reads the latter, since the HDF5 of DOL
 from __future__ import annotations
 
 import re
-import warnings
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-from hhr_dolfinx.compat import extra, netcdf4
+from hhr_dolfinx.compat import extra, netcdf_read
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.by_meshio import Elements, raw_mesh, whole_numbers
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
@@ -175,16 +174,11 @@ class _Numbers:
     def _hdf(self, text: str) -> np.ndarray:
         name, _, place = text.rpartition(":")
         file = self._beside(name)
-        netcdf = netcdf4(f"the mesh file {self._path}")
-        # netCDF4 warns of other contents of the file
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with netcdf.Dataset(file) as data:
-                data.set_auto_mask(False)
-                try:
-                    return np.asarray(data[place.strip()][:])
-                except (IndexError, KeyError):
-                    raise FileContentError(f"{file} has no numbers {place}, which {self._path} names") from None
+        with netcdf_read(file, f"the mesh file {self._path}") as data:
+            try:
+                return np.asarray(data[place.strip()][:])
+            except (IndexError, KeyError):
+                raise FileContentError(f"{file} has no numbers {place}, which {self._path} names") from None
 
     def _raw(self, item: Grid, text: str) -> np.ndarray:
         order = {"little": "<", "big": ">"}.get(item.get("Endian", "").lower(), "=")

@@ -79,6 +79,20 @@ def extra(name: str, what: str) -> Iterator[None]:
         ) from error
 
 
+@contextmanager
+def netcdf_read(path: Path, what: str) -> Iterator[Any]:
+    """Open a netCDF or HDF5 file by netCDF4, for ``what``; arrays have no masks.
+
+    Raises:
+        OSError: for another file.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # netCDF4 warns of contents that it does not know
+        with netcdf4(what).Dataset(path) as data:
+            data.set_auto_mask(False)
+            yield data
+
+
 def netcdf4(what: str) -> Any:
     """Import the package netCDF4, for ``what``.
 

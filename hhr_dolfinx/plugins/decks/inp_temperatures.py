@@ -43,6 +43,7 @@ def heated_of(
     left += _unknown(found, state, nodes)
     rise = rise_of(found, state, nodes)
     most = max(rise.values(), key=abs, default=0.0)
+    final = rise_of(found, imposed_of(found), nodes)
     loads = []
     for tag, material in bodies.items():
         own = _at_corners(nodes, tag, rise)
@@ -51,7 +52,7 @@ def heated_of(
         text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
         if np.ptp(own) <= ALIKE * np.abs(own).max():
             loads.append(Load("temperature", f"{text})", float(own[0, 0]), given[0].source))
-        elif not np.allclose(own / most, _fractions(found, nodes, tag), atol=ALIKE):
+        elif not np.allclose(own / most, _fractions(final, nodes, tag), atol=ALIKE):
             left.append(given[0].left(f"the distribution of the temperature of body '{tag}' changes with the steps"))
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
@@ -64,12 +65,11 @@ def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
     nodes = DeckNodes(flat_deck(path))
     found = [Block(path.name, *block) for block in blocks(path)]
     points = np.array([[nodes.point(number) for number in one[: CORNERS[kind]]] for kind, one in _cells(nodes, tag)])
-    return points, _fractions(found, nodes, tag)
+    return points, _fractions(rise_of(found, imposed_of(found), nodes), nodes, tag)
 
 
-def _fractions(found: Sequence[Block], nodes: DeckNodes, tag: Tag) -> np.ndarray:
-    """Rises at corners of cells at the end of the last step, over the largest of the deck, (c, k)."""
-    rise = rise_of(found, imposed_of(found), nodes)
+def _fractions(rise: Mapping[int, float], nodes: DeckNodes, tag: Tag) -> np.ndarray:
+    """Rises at corners of cells of a body, over the largest of the deck, (c, k)."""
     most = max(rise.values(), key=abs, default=0.0)
     return _at_corners(nodes, tag, rise) / (most or 1.0)
 

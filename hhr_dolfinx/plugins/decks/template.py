@@ -25,7 +25,7 @@ NEAR = 0.1
 STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
 SOFT = 1e-7
-"""Stiffness of a bedding that holds a loose body, over E over its extent; 1e-4 bears a fifth of a bent tube."""
+"""Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends bears far less."""
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)

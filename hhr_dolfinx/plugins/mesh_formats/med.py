@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.compat import netcdf4
+from hhr_dolfinx.compat import netcdf_read
 from hhr_dolfinx.geometries.mesh_file import read_by_gmsh
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
@@ -29,18 +29,14 @@ def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict
         points: points as read by gmsh, (n, 3).
         numbers: numbers of the points in gmsh, (n,), in the order of the file.
     """
-    netcdf = netcdf4(f"groups of nodes of {path}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    order = np.argsort(numbers)
+    with ExitStack() as stack:
         try:
-            data = netcdf.Dataset(path)
+            data = stack.enter_context(netcdf_read(path, f"groups of nodes of {path}"))
         except OSError:
             return {}
-        with data:
-            data.set_auto_mask(False)
-            order = np.argsort(numbers)
-            found = _families_of_nodes(data, points[order])
-            return {name: order[rows] for name, rows in found.items()}
+        found = _families_of_nodes(data, points[order])
+    return {name: order[rows] for name, rows in found.items()}
 
 
 def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:

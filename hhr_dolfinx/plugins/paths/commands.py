@@ -6,21 +6,18 @@ import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from hhr_dolfinx.command.answering import FIELDS, largest_values
 from hhr_dolfinx.command.speaking import first_rank, guarded
 from hhr_dolfinx.command.words import AT, KNOWN, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
 with extra("study", "the command hhr"):
     import click
 
-FIELDS = (".vtkhdf", ".vtu")
 WIDTH = 12
 
 
@@ -87,12 +84,10 @@ def family_of(scene: str) -> PathFamily:
     return found
 
 
-def row_of(model: AnsweringModel, answer: Answer) -> dict[str, float]:
-    """Time, parameters, forces, the largest displacement, and the outputs of the scene at a step."""
+def row_of(model: Any, answer: Answer) -> dict[str, float]:
+    """Time, parameters, what ``hhr solve`` shows of an answer, and the outputs of the scene at a step."""
     row = {"time [s]": answer.time, **dict(zip(model.parameters.names, answer.parameter.tolist(), strict=True))}
-    forces = model.pressures(answer)
-    displacement = answer.displacement().reshape(-1, model.dimension)
-    row["sum of contact forces"] = float(forces.sum())
-    row["active contacts"] = int((forces > 0).sum())
-    row["largest displacement"] = float(np.linalg.norm(displacement, axis=1).max())
+    scene = getattr(model, "scene", None)  # a model in a file has none
+    pairs = None if scene is None else model.problem.contact_pairs[model.problem.pressing]
+    row |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
     return row | (answer.outputs().values if model.fields.functionals is not None else {})

@@ -1,6 +1,7 @@
 """Small decks of bars and stacked blocks of cubes, as CalculiX and Abaqus read them."""
 
 import numpy as np
+from shell import invoke
 
 STEEL = "*MATERIAL, NAME=STEEL\n*ELASTIC\n1000., {poisson}\n{more}"
 
@@ -54,3 +55,11 @@ def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, inter
     ]
     lines += ["*BOUNDARY", "LOWER_Z0, 1, 3", "UPPER_X0, 1", "UPPER_Y0, 2", *filter(None, [before])]
     return "\n".join([*lines, "*STEP", "*STATIC", step, "*END STEP"]) + "\n"
+
+
+def started_file(folder, text):
+    """Name of the scene file of a deck's text, and what the command printed."""
+    (folder / "deck.inp").write_text(text)
+    code, output = invoke("start", folder / "deck.inp")
+    assert code == 0, output
+    return str(folder / "deck.py"), output

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from deck_texts import bar, blocks
+from deck_texts import bar, blocks, started_file
 from shell import invoke
 
 from hhr_dolfinx.command.loading import beside, scene_of
@@ -12,14 +12,6 @@ STEP = "*END STEP\n*STEP\n*STATIC\n.1, {}\n"
 NODES = (5, 10, 15, 20)
 """Nodes of the end of the bar at x = 4."""
 FRICTION = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n*FRICTION\n.3, 1e6"
-
-
-def started(folder, text):
-    """Name of the scene file of a deck's text, and what the command printed."""
-    (folder / "deck.inp").write_text(text)
-    code, output = invoke("start", folder / "deck.inp")
-    assert code == 0, output
-    return str(folder / "deck.py"), output
 
 
 def corners(name):
@@ -53,7 +45,7 @@ def forces(value, numbers=NODES):
 )  # fmt: skip
 def test_a_plastic_bar_follows_its_steps(step, path, tmp_path):
     """u = L (p / E + the plastic strain at the largest p so far), after the steps, not after one step from rest."""
-    name, output = started(tmp_path, bar(step, PLASTIC))
+    name, output = started_file(tmp_path, bar(step, PLASTIC))
     assert "TODO" not in output
     _, table = corners(name)
     np.testing.assert_allclose(table, path, atol=1e-9)
@@ -70,12 +62,14 @@ def test_a_plastic_bar_follows_its_steps(step, path, tmp_path):
 
 def test_one_step_needs_no_history(tmp_path):
     """Of one ramp from rest, and of elastic bodies without friction, the end counts; paths start with small loads."""
-    name, _ = started(tmp_path, bar("*DLOAD\n4, P4, -10.", PLASTIC))
+    name, _ = started_file(tmp_path, bar("*DLOAD\n4, P4, -10.", PLASTIC))
     family = beside(name, "PATHS")
     assert family.name == "loading"
     assert [values[0] for _, values in family.path([-10.0])][:2] == pytest.approx([-8.0, -8.5])
     (tmp_path / "elastic").mkdir()
-    name, _ = started(tmp_path / "elastic", bar("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD\n4, P4, -4."))
+    name, _ = started_file(
+        tmp_path / "elastic", bar("*DLOAD\n4, P4, -10.\n" + STEP.format("2.") + "*DLOAD\n4, P4, -4.")
+    )
     assert beside(name, "PATHS") is None
     assert scene_of(name).parameters.middle == pytest.approx([-4.0])
 
@@ -83,7 +77,7 @@ def test_one_step_needs_no_history(tmp_path):
 def test_loads_that_are_zero_at_all_times_need_no_history(tmp_path):
     """The modulus is the parameter then, as of a deck without loads."""
     step = "*AMPLITUDE, NAME=A\n0., 0., 5., 0.\n*DLOAD, AMPLITUDE=A\n4, P4, -10.\n" + STEP.format("2.")
-    name, _ = started(tmp_path, bar(step + "*DLOAD, AMPLITUDE=A\n4, P4, -10.", PLASTIC))
+    name, _ = started_file(tmp_path, bar(step + "*DLOAD, AMPLITUDE=A\n4, P4, -10.", PLASTIC))
     assert scene_of(name).parameters.names == ("young",)
 
 
@@ -93,7 +87,7 @@ def test_motions_with_friction(tmp_path):
     step += STEP.format("1.") + "*BOUNDARY\nUPPER_Z1, 1, 1, -0.002\nUPPER_Z1, 3, 3, -0.005"
     before = "UPPER_Z1, 1, 1\nLOWER_Y0, 2"
     text = blocks(step, interaction=FRICTION, before=before).replace("UPPER_X0, 1\n", "")
-    name, output = started(tmp_path, text)
+    name, output = started_file(tmp_path, text)
     assert "TODO" not in output
     names, table = corners(name)
     assert names == ("displacement_1", "displacement_2")
@@ -110,7 +104,7 @@ def test_what_changes_beside_three_parameters(tmp_path):
     """A fourth load in a step of its own is driven with its value of the deck; a constant one is a number."""
     loads = "".join(f"*CLOAD\nBAR_Y{k % 2}, 2, {0.01 * (k + 1)!r}\n" + STEP.format("1.") for k in (0, 1))
     loads += "*CLOAD\nBAR_Z1, 3, 0.05\n" + STEP.format("1.") + "*CLOAD\nBAR_X1, 3, 0.02\n" + STEP.format("1.")
-    name, _ = started(tmp_path, bar(loads + "*CLOAD\nBAR_X1, 2, 0.03", PLASTIC))
+    name, _ = started_file(tmp_path, bar(loads + "*CLOAD\nBAR_X1, 2, 0.03", PLASTIC))
     names, table = corners(name)
     assert names == ("force_1", "force_2", "force_3", "others_1", "others_2")
     np.testing.assert_allclose(table[-1], (5, 0.01, 0.02, 0.05, 1, 1))
@@ -136,7 +130,7 @@ def test_what_changes_beside_three_parameters(tmp_path):
 )  # fmt: skip
 def test_what_has_no_course_is_said(step, said, tmp_path):
     """Sets of which a later step gives some nodes anew, supports that are released, measured curves."""
-    _, output = started(tmp_path, bar(step, PLASTIC))
+    _, output = started_file(tmp_path, bar(step, PLASTIC))
     assert said in output
 
 
@@ -144,7 +138,7 @@ def test_creep_under_loads_that_are_there_at_once(tmp_path):
     """As in CalculiX 2.20, *VISCO does not ramp: u = L (p / E + A p^3 t), after 9 and 3 for a second each."""
     step = ("*DLOAD\n4, P4, -9.\n" + STEP.format("1.") + "*DLOAD\n4, P4, -3.").replace("STATIC", "VISCO")
     creep = "*CREEP, LAW=NORTON\n1e-5, 3., 0.\n"
-    name, output = started(tmp_path, bar(step, creep).replace("*STATIC", "*VISCO"))
+    name, output = started_file(tmp_path, bar(step, creep).replace("*STATIC", "*VISCO"))
     assert "TODO" not in output
     rows = marched(name, tmp_path)
     crept = 1e-5 * np.cumsum([9.0**3, 3.0**3])
@@ -153,7 +147,7 @@ def test_creep_under_loads_that_are_there_at_once(tmp_path):
              for p, own, b in zip((9, 3), crept, across, strict=True)]  # fmt: skip
     assert rows["largest_displacement"][np.isin(rows["time_s"].round(9), (1, 2))] == pytest.approx(exact, rel=1e-3)
     (tmp_path / "ramped").mkdir()
-    ramped, output = started(tmp_path / "ramped", bar(step.replace("*STEP", "*STEP, AMPLITUDE=RAMP"), creep))
+    ramped, output = started_file(tmp_path / "ramped", bar(step.replace("*STEP", "*STEP, AMPLITUDE=RAMP"), creep))
     assert "*STATIC: bodies creep in this step too" in output
     np.testing.assert_allclose(corners(ramped)[1], [(0, 0), (1, -9), (2, -3)], atol=1e-9)
 
@@ -168,7 +162,7 @@ def test_temperatures_of_steps(tmp_path):
     """Each counts from the initial one: the end moves by alpha L (T - 20), which is not in proportion to T."""
     step = "*TEMPERATURE\nALL, 120.\n" + STEP.format("1.") + "*TEMPERATURE\nALL, 50.\n" + STEP.format("1.")
     more = PLASTIC + "*EXPANSION\n1e-4\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20.\n"
-    name, output = started(tmp_path, bar(step + "*TEMPERATURE, OP=NEW\nALL, 80.", more))
+    name, output = started_file(tmp_path, bar(step + "*TEMPERATURE, OP=NEW\nALL, 80.", more))
     assert "TODO" not in output
     np.testing.assert_allclose(corners(name)[1], [(0, 0), (1, 100), (2, 30), (3, 60)], atol=1e-9)
 
@@ -176,7 +170,7 @@ def test_temperatures_of_steps(tmp_path):
 def test_amplitudes_that_add_up(tmp_path):
     """One load of a step follows its amplitude and another one on the same nodes a ramp."""
     step = "*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .5\n*CLOAD, AMPLITUDE=A\nBAR_X1, 1, 1.5\n*CLOAD\nBAR_X1, 1, 1."
-    name, _ = started(tmp_path, bar(step, PLASTIC))
+    name, _ = started_file(tmp_path, bar(step, PLASTIC))
     family = beside(name, "PATHS")
     table = {time: sum(values) for time, values in family.path(family.own.middle)}
     assert [table[0.5], table[1.0]] == pytest.approx([2.0, 1.75])
@@ -194,7 +188,7 @@ def test_amplitudes_that_are_no_factors(kind, tmp_path):
 def test_steps_without_loads(tmp_path):
     """If no load of them is read, moduli are parameters, as of one step."""
     step = "*CLOAD\n77, 1, 2.\n" + STEP.format("1.") + "*CLOAD\n77, 1, 1."
-    name, output = started(tmp_path, bar(step, PLASTIC))
+    name, output = started_file(tmp_path, bar(step, PLASTIC))
     assert "'77' is no node of the mesh" in output
     assert scene_of(name).parameters.names == ("young",)
     assert beside(name, "PATHS").name == "loading"

@@ -6,9 +6,8 @@ import subprocess
 
 import numpy as np
 import pytest
-from deck_texts import bar, blocks
+from deck_texts import bar, blocks, started_file
 from deck_writer import Writer, at
-from shell import invoke
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.loading import beside, scene_of
@@ -20,17 +19,9 @@ ALONG = "".join(f"{1 + k}, {20.0 + 30.0 * (k % 5)!r}\n" for k in range(20))
 START = "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20.\n"
 
 
-def started(folder, text):
-    """Name of the scene file of a deck's text, and what the command printed."""
-    (folder / "deck.inp").write_text(text)
-    code, output = invoke("start", folder / "deck.inp")
-    assert code == 0, output
-    return str(folder / "deck.py"), output
-
-
 def test_a_bar_with_a_gradient(tmp_path):
     """The end moves by alpha L times the mean rise of 60, by reciprocity with a uniform pressure there."""
-    name, output = started(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION + START))
+    name, output = started_file(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION + START))
     assert "TODO" not in output
     scene = scene_of(name)
     assert scene.parameters.middle == pytest.approx([120.0])
@@ -47,7 +38,7 @@ def test_as_calculix(tmp_path):
     places = [(x, y, z) for z in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) for x in np.linspace(0.0, 4.0, 9).tolist()]
     rows = "".join(f"{1 + k}, {20.0 + 10.0 * x * x + 8.0 * x * y!r}\n" for k, (x, y, _) in enumerate(places))
     text = bar("*TEMPERATURE\n" + rows + "*NODE PRINT, NSET=ALL\nU", EXPANSION + START, cells=(8, 2, 2))
-    name, _ = started(tmp_path, text)
+    name, _ = started_file(tmp_path, text)
     subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True)
     lines = (tmp_path / "deck.dat").read_text().splitlines()
     printed = np.array([line.split() for line in lines if len(line.split()) == 4], dtype=float)[:, 1:]
@@ -73,7 +64,7 @@ def test_nodes_on_edges_have_temperatures(kind, tmp_path):
     rows = zip(made.numbers.tolist(), made.points[:, 0].tolist(), strict=True)
     deck.add("*BOUNDARY/" + "/".join(f"LOW{axis}, {axis + 1}" for axis in range(dim)) + "/*STEP/*STATIC/*TEMPERATURE")
     deck.add("/".join(f"{node}, {10.0 * x * x!r}" for node, x in rows) + "/*END STEP")
-    name, output = started(tmp_path, deck.text)
+    name, output = started_file(tmp_path, deck.text)
     assert "TODO" not in output
     full = hhr.FullOrderModel(scene_of(name))
     moved = full.solve(full.parameters.middle).displacement().reshape(-1, dim)[:, 0]
@@ -89,7 +80,7 @@ def test_a_set_with_membranes_too(tmp_path):
     """The end moves as without one on a side of its cells."""
     membrane = "*ELEMENT, TYPE=M3D4, ELSET=BAR\n900, 1, 2, 7, 6\n*MATERIAL"
     text = bar("*TEMPERATURE\n" + ALONG, EXPANSION + START).replace("*MATERIAL", membrane, 1)
-    full = hhr.FullOrderModel(scene_of(started(tmp_path, text)[0]))
+    full = hhr.FullOrderModel(scene_of(started_file(tmp_path, text)[0]))
     moved = full.solve(full.parameters.middle).displacement().reshape(-1, 3)
     tip = np.abs(full.problem.points[:, 0] - 4.0) < 1e-9
     assert moved[tip, 0].mean() == pytest.approx(1e-4 * 4 * 60, rel=1e-9)
@@ -99,7 +90,7 @@ def test_one_body_of_two(tmp_path):
     """A body with one temperature keeps a number; nodes that coincide with hot ones of the other body stay cold."""
     hot = "".join(f"{1001 + k}, {50.0 + k!r}\n" for k in range(32))
     text = blocks("*TEMPERATURE\nLOWER_Z0, 0.\n" + hot).replace("1000., 0.0\n", "1000., 0.0\n*EXPANSION\n1e-4\n")
-    name, _ = started(tmp_path, text)
+    name, _ = started_file(tmp_path, text)
     (load,) = scene_of(name).loads
     assert (load.tag, load.field.tag) == ("UPPER", "UPPER")
     assert hhr.FullOrderModel(scene_of(name)).solve([81.0]).converged
@@ -108,7 +99,7 @@ def test_one_body_of_two(tmp_path):
 def test_a_course_over_steps(tmp_path):
     """Heated and cooled down: the field follows with one factor."""
     step = "*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .2\n*TEMPERATURE, AMPLITUDE=A\n" + ALONG
-    name, output = started(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
+    name, output = started_file(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
     assert "TODO" not in output
     path = beside(name, "PATHS")
     assert [point[0] for _, point in path.path(path.own.middle)][::4] == pytest.approx([0.0, 140.0, 28.0])
@@ -117,14 +108,14 @@ def test_a_course_over_steps(tmp_path):
 def test_a_distribution_that_changes(tmp_path):
     """It has no one field, and is said."""
     step = "*TEMPERATURE\n" + ALONG + "*END STEP\n*STEP\n*STATIC\n1., 1.\n*TEMPERATURE\nBAR_X0, 140.\n"
-    _, output = started(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
+    _, output = started_file(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
     assert "the distribution of the temperature of body 'BAR' changes with the steps" in output
 
 
 def test_a_body_that_is_not_there(tmp_path):
     """A field of an unknown body is refused by its name."""
     (tmp_path / "deck.inp").write_text(bar("*TEMPERATURE\n" + ALONG, EXPANSION))
-    name, _ = started(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION))
+    name, _ = started_file(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION))
     scene = scene_of(name)
     field = hhr.DeckTemperatures(tmp_path / "deck.inp", "BEAM")
     wrong = dataclasses.replace(scene, loads=(hhr.ThermalExpansion("BAR", 1e-4, "temperature", field=field),))
@@ -141,7 +132,7 @@ def test_nodes_that_coincide_keep_their_temperatures(tmp_path):
     sections = "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL\n"
     assert sections in text
     both = "*ELSET, ELSET=BOTH\nLOWER, UPPER\n*SOLID SECTION, ELSET=BOTH, MATERIAL=STEEL\n"
-    name, output = started(tmp_path, text.replace(sections, both))
+    name, output = started_file(tmp_path, text.replace(sections, both))
     assert "TODO" not in output
     full = hhr.FullOrderModel(scene_of(name))
     answer = full.solve(full.parameters.middle)

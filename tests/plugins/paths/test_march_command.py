@@ -68,7 +68,8 @@ def test_a_model_answers_the_same(scene, tmp_path):
     _, full = invoke("march", scene, "--at", "far=0.03")
     code, output = invoke("march", scene, "--at", "far=0.03", "--model", tmp_path / "model.npz")
     assert code == 0
-    assert output == full
+    # the model knows no pairs, so that its sum of forces has a name of its own; numbers are the same
+    assert [line.split() for line in output.splitlines()[2:]] == [line.split() for line in full.splitlines()[2:]]
 
 
 def test_solve_refers_to_the_paths(scene):
