@@ -90,11 +90,11 @@ patch: setup
 	.venv/bin/python benchmarks/contact_patch_test.py
 
 laws: setup
-	.venv/bin/python benchmarks/laws.py --report report.json
+	.venv/bin/python benchmarks/laws.py
 
 # errors and times of condensed models on unseen load paths, twenty minutes on an idle core
 paths: setup
-	.venv/bin/python benchmarks/unseen_paths.py --report report.json
+	.venv/bin/python benchmarks/unseen_paths.py
 
 # small decks and files of strangers, beside CalculiX and closed forms; nine minutes
 decks: setup

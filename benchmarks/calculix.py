@@ -3,7 +3,7 @@
 A block is pressed on a wider one by a displacement of its top; meshes do not match. CalculiX reads the deck that the
 scene writes, contact by penalty, surface to surface, with large displacements: both leave some parts of a thousand.
 
-    python benchmarks/calculix.py [--out DIR] [--quick] [--cells N] [--patience SECONDS]
+    python benchmarks/calculix.py [--out DIR] [--quick] [--seed N] [--cells N] [--patience SECONDS]
 """
 
 from __future__ import annotations

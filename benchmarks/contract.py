@@ -4,16 +4,14 @@ Small scenes of two blocks stand for all: a constant stiffness, moduli that are 
 alone holds, a body that flows. ``cases`` of the report say for each kind, verb and place how it ended; the page
 ``docs/contract.md`` lists what is refused, and why.
 
-    python benchmarks/contract.py --page docs/contract.md
+    python benchmarks/contract.py [--out DIR] [--quick] [--seed N] [--page docs/contract.md]
 """
 
 from __future__ import annotations
 
-import argparse
 import copy
 import csv
 import dataclasses
-import json
 import pickle
 import tempfile
 import warnings
@@ -22,6 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import _demos  # noqa: F401 (before the parts of demos)
 import numpy as np
 from mpi4py import MPI
 
@@ -578,15 +577,44 @@ def page(cases: list[Case]) -> str:
     return "\n".join(lines) + "\n"
 
 
+QUICK = tuple(
+    there(
+        dict.fromkeys(
+            (
+                "full",
+                "naive",
+                "exact condensation",
+                "exact condensation, floating",
+                "interpolated condensation, moduli",
+                "HHR, constant",
+                "HHR, moduli",
+                "HHR, floating",
+                "fallback",
+                "full, flowing",
+                "condensed, flowing",
+                "full, friction",
+                "exact condensation, friction and floating",
+            )
+        )
+    )
+)
+"""Kinds whose cases take two seconds together; all of them take two minutes."""
+
+
 def main() -> None:
-    """Try all cases; write the report, and the page where it is asked for."""
-    parser = argparse.ArgumentParser(description="Every kind of model, every verb, in every place.")
-    parser.add_argument("--out", type=Path, default=Path("out/contract"), help="folder of the report")
-    parser.add_argument("--page", type=Path, help="the page to write")
-    options = parser.parse_args()
-    cases = [case for kind in KINDS for case in cases_of(kind)]
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "report.json").write_text(json.dumps({"cases": [case._asdict() for case in cases]}, indent=1))
+    """Try all cases; write the report, and the page if it is asked for."""
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
+
+    parser = cli.demo_parser("contract", __doc__)
+    parser.add_argument("--page", type=Path, help="the page to write, of all kinds")
+    options = cli.parse_on_first_rank(parser)
+    if options.page is not None and options.quick:
+        parser.error("--page lists all kinds, and --quick tries some of them: leave one of both out")
+    cases = [case for kind in (QUICK if options.quick else KINDS) for case in cases_of(kind)]
+    written = {"scene": "contract", "seed": options.seed, "cases": [case._asdict() for case in cases]}
+    report.write_report({**written, **report.environment()}, options.out)
     if options.page is not None:
         options.page.write_text(page(cases))
     for outcome in ("answers", "refused", "unknown", "broken"):

@@ -1,6 +1,6 @@
 """Decks of strangers: `hhr start`, `check`, `solve` or `march` as they are, and how far the first number is right.
 
-    python benchmarks/decks.py [--quick] [--only WORDS] [--again] [--out DIR]
+    python benchmarks/decks.py [--out DIR] [--quick] [--seed N] [--only WORDS] [--again]
 
 Small decks of the makes of CalculiX' own tests and examples, with closed forms or figures of CalculiX 2.20 beside them.
 An outcome is "right" within 1 % (or within what the entry allows), "refused: SENTENCE" where a keyword has no

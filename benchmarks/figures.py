@@ -3,18 +3,20 @@
 Each row is read from the ``report.json`` that a script writes. Figures go into ``docs/figures.json``, and from there
 into the table between two marks in README. A test compares both.
 
-    python benchmarks/figures.py [--only NAME ...] [--kept DIR]
+    python benchmarks/figures.py [--out DIR] [--quick] [--seed N] [--only NAME ...] [--kept DIR]
 
 All of them take long; ``--only`` measures some again and leaves the others as they are. ``--kept`` reads reports that
-are there, in a folder for each name, and runs nothing. The script writes into the checkout that it lies in.
+are there, in a folder for each name, and runs nothing. The script writes into the checkout that it lies in, but for
+``--quick``: figures of small sizes go into ``report.json`` alone.
 """
 
-import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import _demos  # noqa: F401 (before the parts of demos)
 
 ROOT = Path(__file__).parent.parent
 FILE, README = ROOT / "docs" / "figures.json", ROOT / "README.md"
@@ -85,20 +87,29 @@ def with_table(text: str, found: dict[str, dict[str, Any]]) -> str:
 
 def main() -> None:
     """Run, read, write."""
-    parser = argparse.ArgumentParser(description="Measure all figures that README quotes.")
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
+
+    parser = cli.demo_parser("figures", __doc__)
     parser.add_argument("--only", nargs="+", choices=SOURCES, default=list(SOURCES), help="measure these alone")
     parser.add_argument("--kept", type=Path, help="folder of reports that are there: run nothing")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder of the reports (%(default)s)")
-    options = parser.parse_args()
-    found = json.loads(FILE.read_text()) if FILE.exists() else {}
+    options = cli.parse_on_first_rank(parser)
+    quick = ["--quick"] if options.quick else []
+    measured = {}
     for name in options.only:
         folder = (options.kept or options.out) / name
         if options.kept is None:
-            subprocess.run([sys.executable, str(ROOT / SOURCES[name].script), "--out", str(folder)], check=True)
-        found[name] = figures_of(json.loads((folder / "report.json").read_text()))
-    FILE.write_text(json.dumps(found, indent=1) + "\n")
-    README.write_text(with_table(README.read_text(), found))
-    print(table(found), end="")
+            script = [sys.executable, str(ROOT / SOURCES[name].script), "--seed", str(options.seed)]
+            subprocess.run([*script, *quick, "--out", str(folder)], check=True)
+        measured[name] = figures_of(json.loads((folder / "report.json").read_text()))
+    written = {"scene": "figures", "seed": options.seed, "figures": measured}
+    report.write_report({**written, **report.environment()}, options.out)
+    if not options.quick:
+        kept = json.loads(FILE.read_text()) | measured
+        FILE.write_text(json.dumps(kept, indent=1) + "\n")
+        README.write_text(with_table(README.read_text(), kept))
+    print(table(measured), end="")
 
 
 if __name__ == "__main__":

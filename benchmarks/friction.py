@@ -7,7 +7,7 @@
   flat punch with rounded edges, whose p comes from the solution without friction.
 - A pad pulled over a plane (code_aster SSNV503), and a wedge between planes (NAFEMS CGS-4): limits of Coulomb's law.
 
-    python benchmarks/friction.py [--out DIR] [--quick]
+    python benchmarks/friction.py [--out DIR] [--quick] [--seed N]
 """
 
 from __future__ import annotations

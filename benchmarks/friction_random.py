@@ -3,7 +3,7 @@
 Regular, nearly singular and singular S, coefficients from none to 8, limits, and Tresca's law. Nothing of the solver is
 used to judge what it finds: not its statuses, not its projections.
 
-    python benchmarks/friction_random.py [--count N] [--out DIR] [--seed N]
+    python benchmarks/friction_random.py [--out DIR] [--quick] [--seed N] [--count N]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Laws of bodies at single points: closed forms, tangents, failures and false answers of random steps, and times.
 
-    python benchmarks/laws.py [--points 10000] [--report report.json]
+    python benchmarks/laws.py [--points 10000] [--out DIR] [--quick] [--seed N]
 
 Two random steps, one from the state after the other, for each size of strain from 1e-4 to 1e-1, and for laws with rates
 each of three durations. A *failure* is a point without an answer; a *false answer* is a point whose stress is more than
@@ -10,12 +10,10 @@ not move any more; or is no number, or whose cumulated strain falls. F that turn
 
 from __future__ import annotations
 
-import json
 import time
-from pathlib import Path
 from typing import Any
 
-import click
+import _demos  # noqa: F401 (before the parts of demos)
 import numpy as np
 from points import LAWS, POISSON, YOUNG, Point, at_rest
 
@@ -101,11 +99,11 @@ def tangent_error(
     return float(np.quantile(wrong[smooth], 0.99)) if smooth.any() else 0.0
 
 
-def measured(law: hhr.Law, points: int) -> dict[str, Any]:
+def measured(law: hhr.Law, points: int, seed: int) -> dict[str, Any]:
     """Results of a law."""
     components = 9 if law.finite else 6
     program = program_of(law, components)
-    given, random = given_of(program), np.random.default_rng(0)
+    given, random = given_of(program), np.random.default_rng(seed)
     report: dict[str, Any] = {"failures": 0, "false_answers": 0, "tangent": 0.0, "ms_per_10000": 0.0}
     rest = np.vstack([part.reshape(points, -1).T for part in at_rest(program, points)])
     identity = np.eye(3).reshape(9, 1) if law.finite else 0.0
@@ -173,20 +171,25 @@ def closed_forms() -> dict[str, float]:
     return {name: float(error) for name, error in found.items()}
 
 
-@click.command(help=__doc__)
-@click.option("--points", default=10_000, help="Points of each random step.")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="File for the figures.")
-def main(points: int, report: Path | None) -> None:
-    """Print a line for each law."""
+def main() -> None:
+    """Print a line for each law, and write ``report.json``."""
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
+
+    parser = cli.demo_parser("laws", __doc__)
+    parser.add_argument("--points", type=int, default=None, help="points of each random step (10000, quick 200)")
+    options = cli.parse_on_first_rank(parser)
+    points = options.points or (200 if options.quick else 10_000)
     known, laws = closed_forms(), {}
     for name, law in LAWS.items():
-        laws[name] = {"closed_form": known.get(name), **measured(law, points)}
+        laws[name] = {"closed_form": known.get(name), **measured(law, points, options.seed)}
         shown = (
             f"{key} {value:.2g}" if isinstance(value, float) else f"{key} {value}" for key, value in laws[name].items()
         )
-        click.echo(f"{name}: {', '.join(shown)}")
-    if report is not None:
-        report.write_text(json.dumps({"laws": laws}, indent=2) + "\n")
+        options.console.print(f"{name}: {', '.join(shown)}", highlight=False)
+    scene = {"scene": "laws", "seed": options.seed, "points": points}
+    report.write_report({**scene, "laws": laws, **report.environment()}, options.out)
 
 
 if __name__ == "__main__":

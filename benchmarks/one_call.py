@@ -5,7 +5,7 @@ against 200 fresh points, or ten fresh histories: ``got`` is the worst error of 
 none is beyond the wish. ``seconds`` are those of the whole call, with the full model, all checks and timings;
 ``by_hand_seconds`` those of the full model and of the way that its authors would take, unchecked.
 
-    python benchmarks/one_call.py [--out DIR] [--quick] [--only NAME]
+    python benchmarks/one_call.py [--out DIR] [--quick] [--seed N] [--only NAME]
 """
 
 from __future__ import annotations
@@ -32,8 +32,7 @@ from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.plugins.one_call.context import SearchContext
 from hhr_dolfinx.plugins.one_call.target import Budget, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
-from hhr_dolfinx.study.training.train import silent
-from hhr_dolfinx.timing import timed
+from hhr_dolfinx.timing import timed, unannounced
 
 ERROR = 0.01
 FRESH = 200
@@ -168,7 +167,7 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
     row |= {"query_seconds": chosen.query, "known": chosen.known, "said": reduction.met}
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     context = SearchContext(
-        full, Workers(MPI.COMM_SELF, full, None), Target(ERROR, case.of), Budget(), family, SEED, silent
+        full, Workers(MPI.COMM_SELF, full, None), Target(ERROR, case.of), Budget(), family, SEED, unannounced
     )
     exact = context.fresh(HISTORIES if family is not None else fresh)
     worst = context.errors_of(model, exact).max(axis=0)

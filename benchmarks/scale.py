@@ -10,7 +10,7 @@ far.
 With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs;
 with ``--flow`` the ranks march one history of the indentation, two steps to half and all of the depth.
 
-    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--seed N] [--from N] [--up-to N] [--ratios]
                                              [--reduced | --flow]
 """
 

@@ -1,6 +1,6 @@
 """Unseen load paths: errors of condensed models trained on at most 24 paths, and how much faster they are.
 
-    python benchmarks/unseen_paths.py [--report report.json] [--quick] [--case NAME] [--folder DIR]
+    python benchmarks/unseen_paths.py [--out DIR] [--quick] [--seed N] [--case NAME ...] [--folder DIR]
 
 A pellet that yields in a cladding that creeps, as in pellet_cladding_plastic.py. Three cases:
 
@@ -21,7 +21,7 @@ comparison.
 from __future__ import annotations
 
 import dataclasses
-import json
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import Any
 
 import _demos  # noqa: F401 (before the scenes)
-import click
 import numpy as np
 import pellet_cladding_plastic as pellet
 from mpi4py import MPI
@@ -211,11 +210,11 @@ def compared(full: hhr.FullOrderModel, model: Any, paths: list[Any]) -> tuple[np
         if len(times) == 1:
             fastest = min(taken, key=taken.__getitem__)
             ways = {fastest: ways[fastest]}
-        click.echo(".", nl=len(times) == len(paths), err=True)
+        print(".", end="\n" if len(times) == len(paths) else "", file=sys.stderr, flush=True)
     return np.array(errors), np.array(times)
 
 
-def measured(name: str, quick: bool, folder: Path | None) -> dict[str, Any]:
+def measured(name: str, quick: bool, folder: Path | None, seed: int) -> dict[str, Any]:
     """Results of a case."""
     case = CASES[name]
     scene = case.scene(**case.mesh(quick))
@@ -231,7 +230,7 @@ def measured(name: str, quick: bool, folder: Path | None) -> dict[str, Any]:
     solved = time.perf_counter()
     model = training.condense(CorrectionSettings(modes=case.modes, cubature=case.modes, stability=0.1, attempts=1))
     built = time.perf_counter()
-    unseen = paths.paths(hhr.Sobol(QUICK_UNSEEN if quick else UNSEEN, seed=11))
+    unseen = paths.paths(hhr.Sobol(QUICK_UNSEEN if quick else UNSEEN, seed=seed))
     errors, times = compared(training.full_order, model, unseen)
     ratios = times[:, 0] / times[:, 1]
     return {
@@ -259,17 +258,17 @@ def measured(name: str, quick: bool, folder: Path | None) -> dict[str, Any]:
 
 def show(name: str, found: dict[str, Any]) -> None:
     """Print the results of a case beside the bars."""
-    click.echo(
+    print(
         f"{name}: trained on {found['training']} paths, compared on {found['unseen']}; {found['dofs']} dofs, "
         f"{found['modes']} modes, {found['points']} points"
     )
     for quantity, bar in BARS.items():
         p95, largest, median = (100 * found[quantity][key] for key in ("p95", "max", "median"))
         verdict = "" if p95 <= 100 * bar else ", MISSED"
-        click.echo(
+        print(
             f"  {quantity:17} p95 {p95:5.2f} %  max {largest:5.2f} %  median {median:5.2f} %  (bar {bar:.0%}{verdict})"
         )
-    click.echo(
+    print(
         f"  a march takes {1e3 * found['condensed_seconds']:.0f} ms, in full {found['full_seconds']:.2f} s: "
         f"{found['speedup']:.0f} times faster, {found['least_speedup']:.0f} at least "
         f"(bar {CASES[name].faster:.0f}); training {found['training_seconds']:.0f} s, "
@@ -277,21 +276,26 @@ def show(name: str, found: dict[str, Any]) -> None:
     )
 
 
-@click.command(help=__doc__)
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="File for the figures.")
-@click.option("--quick", is_flag=True, help="A coarse mesh and few unseen paths; the speed then says little.")
-@click.option("--case", "names", type=click.Choice(list(CASES)), multiple=True, help="One case or several, not all.")
-@click.option("--folder", type=click.Path(path_type=Path), default=None, help="Folder that keeps full histories.")
-def main(report: Path | None, quick: bool, names: tuple[str, ...], folder: Path | None) -> None:
+def main() -> None:
     """Measure the cases and print a table."""
+    from parts import cli
+
+    from hhr_dolfinx.plugins.studies import report
+
+    parser = cli.demo_parser("unseen_paths", __doc__)
+    # that of the figures in docs/flow.md
+    parser.set_defaults(seed=11)
+    parser.add_argument("--case", action="append", choices=CASES, help="this case alone; may be given again")
+    parser.add_argument("--folder", type=Path, help="folder that keeps full histories")
+    options = cli.parse_on_first_rank(parser)
     for kind in (TimeStepWarning, UncheckedWarning):  # unseen paths are compared here
         warnings.simplefilter("ignore", kind)
-    found = {}
-    for name in names or CASES:
-        found[name] = measured(name, quick, folder)
-        show(name, found[name])
-        if report is not None:
-            report.write_text(json.dumps({"paths": found}, indent=2) + "\n")
+    cases = {}
+    for name in options.case or CASES:
+        cases[name] = measured(name, options.quick, options.folder, options.seed)
+        show(name, cases[name])
+        written = {"scene": "unseen_paths", "seed": options.seed, "paths": cases}
+        report.write_report({**written, **report.environment()}, options.out)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, settings
 from needs import present
 from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 from scenes import THESIS
+from slow_suite import keep_slice, pytest_addoption, pytest_configure  # noqa: F401
 
 import hhr_dolfinx as hhr
 
@@ -59,7 +60,7 @@ collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plug
 
 @pytest.hookimpl(tryfirst=True)  # before those that are not asked for are left out
 def pytest_collection_modifyitems(config, items):
-    """Mark the cases of slow_cases.txt as slow; leave out tests whose plug-ins are not there."""
+    """Mark the cases of slow_cases.txt as slow; leave out other slices, and tests whose plug-ins are not there."""
     lacking = [item for item in items if any(not present(*mark.args) for mark in item.iter_markers("needs"))]
     if lacking:
         config.hook.pytest_deselected(items=lacking)
@@ -70,6 +71,7 @@ def pytest_collection_modifyitems(config, items):
         name = item.path.name + item.nodeid[item.nodeid.index("::") :]
         if name in slow or name.partition("[")[0] in slow:
             item.add_marker(pytest.mark.slow)
+    keep_slice(config, items)
 
 
 @pytest.fixture

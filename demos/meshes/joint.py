@@ -1,11 +1,16 @@
-"""STEP file of a bolt, a flange and a base, such as a CAD program writes, for the demo of a bolted joint.
+"""Make joint.step: a bolt, a flange and a base, such as a CAD program writes, for the demo of a bolted joint.
 
-python demos/meshes/joint.py
+    python demos/meshes/joint.py [--out DIR] [--quick] [--seed N]
+
+``--out demos/meshes`` replaces the file that the demo reads. Nothing is random, and ``--quick`` makes the same.
 """
 
+import sys
 from pathlib import Path
 
 import gmsh
+
+sys.path.append(str(Path(__file__).parents[1]))
 
 SHANK, HOLE, HEAD, RIM, BASE, FLANGE, TOP = 5.0, 5.5, 9.0, 20.0, -15.0, 8.0, 14.0
 """Radii, and heights of the lower end, of the top of the flange and of the head, in mm; the plates meet at 0."""
@@ -25,11 +30,17 @@ def solids() -> None:
 
 
 def main() -> None:
-    """Write the file beside this one."""
+    """Write the solids and ``report.json``."""
+    from parts import cli
+
+    options = cli.parse_on_first_rank(cli.demo_parser("joint", __doc__))
     gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
     solids()
-    gmsh.write(str(Path(__file__).with_suffix(".step")))
+    gmsh.write(str(options.out / "joint.step"))
+    volumes = len(gmsh.model.getEntities(3))
     gmsh.finalize()
+    cli.write_drawn("joint", {"solids": volumes}, options)
 
 
 if __name__ == "__main__":

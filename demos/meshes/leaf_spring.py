@@ -1,14 +1,19 @@
-"""Makes leaf_spring.msh beside this file: a clamped leaf spring, a roller that pushes it, and a stop below it.
+"""Make leaf_spring.msh: a clamped leaf spring, a roller that pushes it, and a stop below it.
 
-    python demos/meshes/leaf_spring.py
+    python demos/meshes/leaf_spring.py [--out DIR] [--quick] [--seed N]
+
+``--out demos/meshes`` replaces the file that the demo reads. ``--quick`` makes coarse cells. Nothing is random.
 
 Lengths in mm. Bodies and surfaces have names, as physical groups.
 """
 
 import math
+import sys
 from pathlib import Path
 
 import gmsh
+
+sys.path.append(str(Path(__file__).parents[1]))
 
 LENGTH, THICKNESS, RADIUS = 60.0, 4.0, 10.0
 ROLLER, STOP = 48.0, 32.0
@@ -47,13 +52,13 @@ def spring() -> None:
         gmsh.model.addPhysicalGroup(1, [curve], name=name)
 
 
-def fine_where_bodies_touch() -> None:
-    """Small cells by the places of contact."""
+def refine_contact(finest: float) -> None:
+    """Cells of the length ``finest`` where bodies touch."""
     field = gmsh.model.mesh.field
     places = []
     for x, y in ((ROLLER, THICKNESS), (STOP, 0.0)):
         ball = field.add("Ball")
-        shape = {"XCenter": x, "YCenter": y, "Radius": 1.2, "Thickness": 9.0, "VIn": FINE, "VOut": COARSE}
+        shape = {"XCenter": x, "YCenter": y, "Radius": 1.2, "Thickness": 9.0, "VIn": finest, "VOut": COARSE}
         for key, value in shape.items():
             field.setNumber(ball, key, value)
         places.append(ball)
@@ -65,16 +70,21 @@ def fine_where_bodies_touch() -> None:
 
 
 def main() -> None:
-    """Mesh and write."""
+    """Mesh, write the mesh and ``report.json``."""
+    from parts import cli
+
+    options = cli.parse_on_first_rank(cli.demo_parser("leaf_spring", __doc__))
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     spring()
     segment("roller", ROLLER, THICKNESS, 1.0)
     segment("stop", STOP, -GAP, -1.0)
-    fine_where_bodies_touch()
+    refine_contact(5 * FINE if options.quick else FINE)
     gmsh.model.mesh.generate(2)
-    gmsh.write(str(Path(__file__).with_suffix(".msh")))
+    gmsh.write(str(options.out / "leaf_spring.msh"))
+    nodes, cells = len(gmsh.model.mesh.getNodes()[0]), len(gmsh.model.mesh.getElementsByType(2)[0])
     gmsh.finalize()
+    cli.write_drawn("leaf_spring", {"nodes": nodes, "cells": cells}, options)
 
 
 if __name__ == "__main__":

@@ -124,6 +124,16 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
     console.print(table)
 
 
+def write_drawn(scene: str, counts: dict[str, int], options: argparse.Namespace) -> None:
+    """Print what a script has drawn, and write it as the ``sizes`` of ``report.json``."""
+    from hhr_dolfinx.plugins.studies import report
+
+    written = {"scene": scene, "seed": options.seed, "sizes": counts}
+    report.write_report({**written, **report.environment()}, options.out)
+    listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+    options.console.print(f"{listed} in {options.out}", highlight=False)
+
+
 def report_of_histories(scene: str, title: str, rows: dict[str, Any], condensing: float, options: Any) -> None:
     """Print and write what a demo found of histories, by name, with the seconds of the condensation."""
     from hhr_dolfinx.plugins.studies import report

@@ -21,19 +21,11 @@ from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.one_thread import one_thread
 
-QUICK = tuple(contract.there(dict.fromkeys((
-    "full", "naive", "exact condensation", "exact condensation, floating", "interpolated condensation, moduli",
-    "HHR, constant", "HHR, moduli", "HHR, floating", "fallback", "full, flowing", "condensed, flowing",
-    "full, friction", "exact condensation, friction and floating",
-))))  # fmt: skip
-"""Kinds whose cases take two seconds together; all of them take two minutes."""
-
-
 ALL = ("baselines", "fallback", "floating", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables")
 """Plug-ins that have kinds of models or places."""
 
 
-@pytest.fixture(scope="module", params=[QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[contract.QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)])
 def cases(request):
     return [case for kind in request.param for case in contract.cases_of(kind)]
 
@@ -41,7 +33,7 @@ def cases(request):
 def test_every_case_answers_or_is_refused_by_name(cases):
     assert not [case for case in cases if case.outcome == "broken"]
     kinds = {case.kind for case in cases}
-    assert len(kinds) in (len(QUICK), len(contract.KINDS))
+    assert len(kinds) in (len(contract.QUICK), len(contract.KINDS))
     assert len(cases) > (40 if present("fallback") else 30) * len(kinds)
 
 

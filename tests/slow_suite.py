@@ -1,0 +1,98 @@
+"""The slow suite: a slice of it for each commit, and its record in ``tests/slow_report.json``."""
+
+import hashlib
+import json
+import subprocess
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def slice_of(text):
+    """Index and count of a slice such as ``2/6``: tests of index 2 of 6.
+
+    Raises:
+        pytest.UsageError: for a text that is no slice.
+    """
+    index, _, count = text.partition("/")
+    if not (index.isdigit() and count.isdigit() and int(index) < int(count)):
+        raise pytest.UsageError(f"--slice {text}: write INDEX/COUNT, the first index is 0")
+    return int(index), int(count)
+
+
+def unit(nodeid):
+    """Group of tests that share fixtures: the name of a test function in its file, all of its cases together."""
+    return nodeid.partition("[")[0] if "test_scripts.py" not in nodeid else nodeid
+
+
+def in_slice(nodeid, index, count):
+    """True if a test belongs to a slice; each belongs to exactly one, which does not change with others."""
+    return int(hashlib.sha256(unit(nodeid).encode()).hexdigest(), 16) % count == index
+
+
+class Record:
+    """Outcomes and seconds of tests by file, written when a session ends."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.began = time.perf_counter()
+        self.files = {}
+
+    def pytest_runtest_logreport(self, report):
+        """Count a test once: by its call, or by a set-up or an end that did not pass."""
+        file = report.nodeid.partition("::")[0]
+        row = self.files.setdefault(file, Counter())
+        row["seconds"] += report.duration
+        if report.when == "call" or not report.passed:
+            row[report.outcome] += 1
+
+    def pytest_sessionfinish(self, session):
+        """Write the record, on the process that hands out tests."""
+        total = sum(self.files.values(), Counter())
+        written = {
+            "commit": commit(),
+            **{outcome: total[outcome] for outcome in ("passed", "failed", "skipped")},
+            "minutes": round((time.perf_counter() - self.began) / 60, 1),
+            "files": {file: row_of(self.files[file]) for file in sorted(self.files)},
+        }
+        self.path.write_text(json.dumps(written, indent=1) + "\n")
+
+
+def row_of(counts):
+    """Outcomes of a file that occurred, and its seconds, which need no more than a digit."""
+    kept = {name: count for name, count in sorted(counts.items()) if name != "seconds" and count}
+    return kept | {"seconds": round(counts["seconds"], 1)}
+
+
+def commit():
+    """Hash of the commit that is checked out, with ``+`` if files of it are changed; empty outside of git."""
+    hashed = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    changed = subprocess.run(["git", "diff", "--quiet", "HEAD"], cwd=ROOT, capture_output=True)
+    return hashed.stdout.strip() + ("+" if changed.returncode == 1 else "")
+
+
+def pytest_addoption(parser):
+    """Options of the slow suite."""
+    group = parser.getgroup("slow suite")
+    group.addoption("--slice", help="INDEX/COUNT: run one of so many parts of the tests")
+    group.addoption("--record", help="file for outcomes and seconds by file")
+
+
+def pytest_configure(config):
+    """Record a session if asked, in the process that collects the reports of all workers."""
+    if config.getoption("--record") and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Record(config.getoption("--record")))
+
+
+def keep_slice(config, items):
+    """Leave out tests of other slices."""
+    if not (text := config.getoption("--slice")):
+        return
+    index, count = slice_of(text)
+    others = [item for item in items if not in_slice(item.nodeid, index, count)]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if in_slice(item.nodeid, index, count)]
