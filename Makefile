@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -140,9 +140,15 @@ test-core: setup
 without: setup
 	.venv/bin/python scripts/without.py $(PLUGIN)
 
-# what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour
+# what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour.
+# tests/slow_report.json keeps how each file ended
 slow: setup
-	.venv/bin/python -m pytest -m slow -n auto --maxprocesses 4 --dist loadfile
+	.venv/bin/python -m pytest -m slow --record tests/slow_report.json -n auto --maxprocesses 4 --dist worksteal
+
+# one of six parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
+SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 6)))/6
+slice: setup
+	.venv/bin/python -m pytest -m slow --slice $(SLICE) -n auto --maxprocesses 4 --dist worksteal
 
 # rules of studies and certify are changed one at a time, and changes that no test sees are printed: an hour
 mutants: setup

@@ -4,8 +4,8 @@
 # 1. A Python that already has DOLFINx >= 0.9 (conda, apt) is used with its DOLFINx.
 # 2. Otherwise a Python >= 3.12 is looked for and DOLFINx, PETSc and SLEPc are installed as a wheel.
 #
-# PYTHON=/path/to/python chooses the interpreter. HHR_CI=1 also asks for what lets every test run: node, jsdom, Chromium
-# and the programs of the extra "ci". What goes on is said in whole lines, so that a log can keep it; all that pip said is
+# PYTHON=/path/to/python chooses the interpreter. HHR_CI=1 also asks for what lets every test run: node, jsdom, Chromium,
+# CalculiX and the programs of the extra "ci". What goes on is said in whole lines, so that a log can keep it; all that pip said is
 # in .venv/pip.log.
 set -eu
 cd "$(dirname "$0")/.."
@@ -72,6 +72,7 @@ check_system() {
         command -v node >/dev/null 2>&1 || missing="$missing nodejs"
         [ -e /usr/share/nodejs/jsdom ] || missing="$missing node-jsdom"
         command -v chromium >/dev/null 2>&1 || missing="$missing chromium"
+        command -v ccx >/dev/null 2>&1 || missing="$missing calculix-ccx"
     fi
     if [ -n "$missing" ]; then
         say "These system packages are missing:$missing"
