@@ -20,6 +20,8 @@ class Advice(NamedTuple):
 
 def advice(report: Report) -> Advice:
     """Method for an elastic scene."""
+    if report["work_precision"][0]["method"] == "condensed":
+        return advice_condensed(report)
     if report["times"]["condensed_full"] is None:
         return advice_alone(report)
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
@@ -58,6 +60,22 @@ def advice_alone(report: Report) -> Advice:
         f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
         f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {percent(error['median'])} "
         f"median, {percent(error['max'])} at most). No condensation is built in for this scene.",
+    )
+
+
+def advice_condensed(report: Report) -> Advice:
+    """Condensed or full model, for scenes without hyper-reduction."""
+    times = report["times"]
+    error = report["errors"]["dual_full_floored"]
+    reduced, best = (times[name]["median"] for name in ("online_forces", "fom_best"))
+    (why,) = [item["why"] for item in report["skipped"] if item["stage"] == "hyper-reduction"]
+    pays = report["break_even"]["forces"]
+    after = "never pays" if pays is None else f"pays after {pays:.0f} queries"
+    return Advice(
+        "condensed" if reduced < best else "fom_best",
+        f"Use {'condensation' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by the "
+        f"condensed model, which {after}, and {in_words(best)} by the best full order (force errors "
+        f"{percent(error['median'])} median, {percent(error['max'])} at most). Without hyper-reduction: {why}.",
     )
 
 

@@ -21,6 +21,7 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.plugins.studies.settings import View
 from hhr_dolfinx.units import Units
@@ -154,7 +155,8 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
         values = study.measured.own.errors.values
-        shown = ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+        # a condensed model has no domain whose forces are apart
+        shown = [name for name in ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum") if name in values]
         where = np.ravel(np.asarray(study.tests))
         # zero has no logarithm
         curves: Curves = {name: (where, np.maximum(values[name], 1e-17)) for name in shown}
@@ -162,7 +164,7 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     labels = ("".join(f", {name} = {x:g}" for name, x in zip(names, mu, strict=True)) for mu in view.points)
     pairs = {label: (full.solve(mu), model.solve(mu)) for label, mu in zip(labels, view.points, strict=True)}
     if pairs:
-        _draw_answers(full, model, pairs, view, folder)
+        _draw_answers(full, model, pairs, view, folder, study.measured.own.method)
 
 
 def _draw_answers(
@@ -190,7 +192,7 @@ def _draw_answers(
         cells[f"von Mises [{view.stress}]"] = {name: von_mises(answer.stress()) for name, answer in answers.items()}
     else:
         cells |= laws.fields(full, answers, view)
-    where = model.offline.sets.cells if laws is None else laws.cells(model)
+    where = _cells_of(model) if laws is None else laws.cells(model)
     grid = field_grid(full, where, fields)
     points: dict[str, dict[str, np.ndarray]] = {}
     if view.component is not None:
@@ -207,6 +209,11 @@ def _draw_answers(
     rows = [list(_row(quantity, models, warped)) for quantity, models in (points | cells).items()]
     # the RID is drawn on the deformed mesh of the last model, every field on that of its model
     _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
+
+
+def _cells_of(model: KeptModel) -> np.ndarray:
+    """Cells of the RID, (n,); none of a condensed model, which integrates on no cell."""
+    return model.offline.sets.cells if isinstance(model, ReducedModel) else np.zeros(0, int)
 
 
 def in_units(view: View, units: Units | None) -> View:

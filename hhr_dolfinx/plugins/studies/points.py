@@ -19,11 +19,13 @@ from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
 from hhr_dolfinx.reduction.exact import exact_condensation
+from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import now
@@ -89,30 +91,46 @@ def _settled_memory() -> Iterator[None]:
         gc.unfreeze()
 
 
+def model_of(training: Training, recipe: Recipe) -> tuple[KeptModel, list[dict[str, str]]]:
+    """Model under study: the hyper-reduced one; the condensed one, with the reason, if a scene has no such model."""
+    try:
+        return training.build(recipe), []
+    except NotOfferedError as error:
+        return training.condense(), [{"stage": "hyper-reduction", "why": str(error)}]
+
+
 def measure_points(
-    training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
+    training: Training,
+    model: KeptModel,
+    settings: Any,
+    points: np.ndarray,
+    refused: list[dict[str, str]],
+    progress: Progress,
 ) -> Measurement:
-    """Errors of the reduced model at test points, and its time compared with those of all other models."""
+    """Errors of the model under study at test points, and its time compared with those of all other models.
+
+    ``refused`` has the reason if hyper-reduction, the usual model under study, was refused.
+    """
     full = training.full_order
     space = training.full_order.parameters
     known = training.snapshots.known_statuses()
     references = References.at(points, full, training.snapshots, progress("references"))
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
-    models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
+    models: dict[str, Model] = {"fom_best": full, "online": model}
+    if isinstance(model, ReducedModel):
+        models["online_lapack"] = _twin(model, LapackLU)
     alone = _twin(model, PetscLU)
     whole: Queries = {
         "online_forces": lambda point: alone.solve(point).forces(),
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
-    skipped = []
+    skipped = list(refused)
     errors = {"fom_best": references.errors(full), "online": references.errors(model)}
     offline = {}
-    try:
-        forces_only, condensed = _condensed(training, known)
-    except NotOfferedError as error:
-        skipped.append({"stage": "condensed", "why": str(error)})
-    else:
+    compared = () if refused else _compared(training, known, skipped)
+    if compared:
+        forces_only, condensed = compared
         models["condensed"] = forces_only
         whole["condensed_full"] = _everywhere(condensed)
         errors["condensed"] = references.errors(condensed)
@@ -140,11 +158,12 @@ def measure_points(
     report = {"active_set": searches, "samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    own = Row("HHR", "this model", warm["online"], errors["online"])
+    own = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
     how = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
     order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
     rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
-    small = {name: models[name] for name in ("condensed",) if name in models}
+    small: dict[str, Any] = {"condensed": model} if refused else {}
+    small |= {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
 
 
@@ -179,11 +198,18 @@ def _without_naive(full: FullOrderModel) -> str:
     return "not asked for: one query takes too long to measure a hundred"
 
 
-def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
-    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies."""
+def _compared(training: Training, known: KnownStatuses, skipped: list[dict[str, str]]) -> tuple[CondensedModel, ...]:
+    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies.
+
+    Empty, with the reason in ``skipped``, if the scene has none.
+    """
     full = training.full_order
     if full.problem.varies:
-        model: Any = training.condense()
+        try:
+            model: Any = training.condense()
+        except NotOfferedError as error:
+            skipped.append({"stage": "condensed", "why": str(error)})
+            return ()
         return model, model
     return exact_condensation(full, known, field=False), exact_condensation(full, known, field=True)
 
@@ -222,8 +248,10 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
     return {"outputs": report}
 
 
-def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
-    """A model without results kept from earlier queries."""
+def _twin(model: KeptModel, factorise: Factorise) -> KeptModel:
+    """A model without results kept from earlier queries, of which a condensed one keeps none."""
+    if not isinstance(model, ReducedModel):
+        return model
     return model.changed(trained=None, factorise=factorise)
 
 

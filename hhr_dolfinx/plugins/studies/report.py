@@ -249,8 +249,9 @@ def _sizes_in_words(report: Report) -> str:
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
     if "ell_bar" not in size:
-        own = report["models"]["condensed"]["sizes"]
-        return f"{head} -> {own['modes']} modes, all contacts, {own['points']} points; {size['snapshots']} snapshots"
+        own = report["models"]["condensed"].get("sizes")
+        small = "all contacts" if own is None else f"{own['modes']} modes, all contacts, {own['points']} points"
+        return f"{head} -> {small}; {size['snapshots']} snapshots"
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
     constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
     return (

@@ -19,7 +19,13 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report
 from hhr_dolfinx.plugins.studies.of_laws import study_of
-from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
+from hhr_dolfinx.plugins.studies.report import (
+    errors_and_times,
+    make_report,
+    model_report,
+    print_report,
+    write_report,
+)
 from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train, training_paths
@@ -46,7 +52,7 @@ class Study:
     """Measurements of a scene."""
 
     training: Training  # full model and training answers
-    # the reduced model under study; for bodies with laws the condensed one if hyper-reduction is refused
+    # the reduced model under study; the condensed one if hyper-reduction is refused
     model: KeptModel
     tests: np.ndarray | dict[Any, HistoryPath]  # test points, (n, P), or paths by label
     measured: Measurement  # errors and times of the model and of those compared with it
@@ -99,7 +105,7 @@ def study_scene(
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
         ParameterError: for invalid test points.
-        HHRError: if the reduced model under study is refused; for bodies with laws, if the condensed one is too.
+        HHRError: if the reduced model under study is refused, and the condensed one too.
     """
     folder = checked_folder(folder)
     _tests_of(scene, settings, points)
@@ -141,10 +147,10 @@ def run_study(
         assert laws is not None
         model, measured = laws.measure(training, settings, tests, progress)
     else:
-        from hhr_dolfinx.plugins.studies.points import measure_points  # not needed for histories
+        from hhr_dolfinx.plugins.studies.points import measure_points, model_of  # not needed for histories
 
-        model = training.build(settings.recipe)
-        measured = measure_points(training, model, settings, tests, progress)
+        model, refused = model_of(training, settings.recipe)
+        measured = measure_points(training, model, settings, tests, refused, progress)
     rows = [measured.own.as_report()]
     for label, recipe in progress("variants")(settings.variants):
         rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
@@ -152,6 +158,8 @@ def run_study(
         rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
     rows += [*(row.as_report() for row in measured.others), *measured.refused]
     report = make_report(training, model, measured, rows, settings.seed)
+    if measured.own.method == "condensed" and "models" not in report:
+        report["models"] = {"condensed": errors_and_times(model, measured.own)}
     if settings.models and "models" not in report:  # a study of histories has its two models already
         report["models"] = {"default": model_report(model, measured.own)}
     for name, recipe in settings.models.items():

@@ -257,3 +257,24 @@ except hhr.errors.SceneError as error:
 def test_several_ranks_are_refused():
     said = launch(2, ["-c", PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent)])])
     assert said.count("depends on parameters: build its model on one rank") == 2
+
+
+@needs("studies")
+def test_a_study_of_shapes_measures_the_condensed_model(tmp_path):
+    """Hyper-reduction is refused, with its reason; p = E (push - gap) / (2 h) over 1.5 w is what both models answer."""
+    settings = hhr.StudySettings(hhr.Sobol(8), held_out=4, tests=4, queries=7, naive=False)
+    study = hhr.study_scene(tall_block(), settings, tmp_path)
+    report = study.report
+    assert report["work_precision"][0]["method"] == "condensed" and report["advised"] == "condensed"
+    assert report["errors"]["dual_full_floored"]["max"] < 1e-6
+    assert report["models"]["condensed"]["errors"]["dual_full_floored"]["n"] == 4
+    assert report["break_even"]["forces"] is None or report["break_even"]["forces"] > 0
+    assert [item["stage"] for item in report["skipped"]].count("hyper-reduction") == 1
+    assert "shapes are parameters" in report["advice"]
+    point = {"push": 0.05, "w": 0.7, "h": 1.6}
+    view = hhr.View((tuple(point.values()),), lambda places: places[:, 0], "x", (1, "u_y"))
+    study.write(tmp_path, view=view)
+    force = hhr.load_model(tmp_path / "study.npz").solve(point).forces().sum()
+    # ten times the largest error of four points: interpolation between shapes
+    assert force == pytest.approx(1.5 * 0.7 * 3.0 * 0.04 / 3.2, rel=1e-5)
+    assert {"fields.png", "pressures.png", "report.html"} <= {path.name for path in tmp_path.iterdir()}
