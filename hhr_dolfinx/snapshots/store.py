@@ -45,7 +45,13 @@ def add_to(digest: Any, parts: list[Any]) -> None:
 
 
 def bytes_of(array: np.ndarray) -> bytes:
-    """Type, shape and entries of an array."""
+    """Type, shape and entries of an array.
+
+    Raises:
+        TypeError: for an array of objects: its bytes are addresses, which differ from process to process.
+    """
+    if array.dtype.hasobject:
+        raise TypeError(f"{array!r} has no bytes that identify it: give its arrays, numbers and texts")
     return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
 
 
@@ -360,13 +366,16 @@ def _digest_of(full: FullModel) -> bytes:
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
-    others += [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
-    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
-    if not problem.spread.all_here:  # local rows of the large matrices, in the order of the ranks
-        own = hashlib.sha256()
-        add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
-        parts += problem.group.gathered(own.hexdigest())
+    others = "amplitudes parameters moduli reshaped kernel whole_contact law group followers".split()
+    local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first", "pulled"]
+    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in (*others, *local)]
+    if local:  # rows of the large matrices, in the order of the ranks
+        rows = hashlib.sha256()
+        add_to(rows, [getattr(problem, name) for name in local])
+        parts += problem.group.gathered(rows.hexdigest())
+    if problem.followers is not None:
+        given = (getattr(problem.followers, item.name) for item in fields(problem.followers))
+        parts += [part for part in given if part is not None]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import errno
+import hashlib
 import os
 import pickle
 import random
@@ -19,7 +20,7 @@ from unittest.mock import Mock
 import numpy as np
 import pellet_cladding as demo
 import pytest
-from bare import BareFull, answer, bare_problem, on_disk, rewrite_signed
+from bare import SCENE_FOLDERS, BareFull, answer, bare_problem, on_disk, python, rewrite_signed
 from mpi4py import MPI
 from needs import needs, present
 from rich.console import Console
@@ -29,6 +30,7 @@ from hhr_dolfinx import files
 from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.snapshots.store import add_to
 
 POINT = np.array([0.25, 3.0])
 
@@ -490,3 +492,37 @@ def test_damage_is_found_in_arrays_on_the_disk(place, tmp_path, monkeypatch):
     path.write_bytes(content)
     with pytest.raises(FileContentError):
         read_arrays(path, "a", 1, mapped=True)
+
+
+DIGESTS = f"""
+import sys
+sys.path[:0] = {SCENE_FOLDERS!r}
+import dataclasses
+import contract, scenes
+import hhr_dolfinx as hhr
+
+made = {{name: lambda name=name: contract.KINDS[name].full() for name in sys.argv[2:] if name in contract.KINDS}}
+made["elastic"] = lambda: hhr.FullOrderModel(scenes.pressed_block("plane_strain"))
+if "constraints" in sys.argv:
+    plain = scenes.pressed_block("plane_strain")
+    low, high = hhr.Nodes.near((1.5, 0.0)), hhr.Nodes.near((1.5, 1.0))
+    tied = dataclasses.replace(plain, constraints=(hhr.Equation(((low, 0, 1.0), (high, 0, -1.0))),))
+    made["constraints"] = lambda: hhr.FullOrderModel(tied)
+for name, full in made.items():
+    print(name, hhr.SnapshotStore(sys.argv[1], full()).problem_digest)
+"""
+
+
+def test_a_problem_has_one_digest_in_every_process(tmp_path):
+    """Else a training that was interrupted finds none of its answers again."""
+    plugins = [name for name in ("constraints",) if present(name)]
+    kinds = ["full", "full, friction", "full, flowing", "full, friction and flowing", *plugins]
+    seen = [python("-c", DIGESTS, tmp_path, *kinds, env=os.environ | {"PYTHONHASHSEED": seed}) for seed in "12"]
+    assert seen[0].stdout == seen[1].stdout and len(set(seen[0].stdout.split()[1::2])) > 1
+
+
+def test_an_object_without_bytes_is_no_part_of_a_digest():
+    """An object has an address, which another process has elsewhere."""
+    for part in (None, object(), [np.ones(2), None]):
+        with pytest.raises(TypeError, match="no bytes that identify it"):
+            add_to(hashlib.sha256(), [part])
