@@ -43,7 +43,7 @@ def walled_tube(law, wall=2.003, cells=6, **space):
     """The thick tube with its pressure in a wall that it reaches."""
     bodies = (hhr.Body(block.SOLID, YOUNG, 0.3, law),)
     contacts = (hhr.Obstacle(block.side(0, upper=True), (1, 0), wall),)
-    given = {"parameters": scenes.space(p=(0.0, 1.0), **space), "bodies": bodies, "contacts": contacts}
+    given = {"parameters": scenes.space(**{"p": (0.0, 1.0)} | space), "bodies": bodies, "contacts": contacts}
     return tube(law, 1.0, cells, **given)
 
 

@@ -10,6 +10,7 @@ is pressed down by its top, that motion of the whole body has these values too, 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
@@ -17,7 +18,9 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.errors import rounded
-from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.scene import Scene
 
 ALMOST_NONE = 1e-9
 """Part of the largest effect of a motion, or of a load, up to which it is round-off."""

@@ -392,8 +392,8 @@ def test_messages_name_options_that_are_there():
     """What an error or a warning advises must exist; options of other programs stand beside their names."""
     commands = command, *(command.get_command(None, name) for name in COMMANDS)
     known = {word for one in commands for item in one.params for word in (*item.opts, *item.secondary_opts)}
-    # the last ones are those of demos
-    known |= {"--user", "--help", "--quick", "--batch", "--cells", "--order"}
+    # the last ones are those of demos, and of the program mfront
+    known |= {"--user", "--help", "--quick", "--batch", "--cells", "--order", "--interface"}
     for path in Path(hhr.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -403,7 +403,7 @@ def test_messages_name_options_that_are_there():
 
 @needs("pages", "exporters", "doors", "inelastic", "tables")
 def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
-    """A file holds it as a program, without its class; a page and C refuse it by name."""
+    """A file holds it as a program, without its class, and so does a header of C; a page needs the geometry."""
     from toy_law import Bingham
 
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
@@ -423,8 +423,8 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     found = {name: invoke(name, "model.npz", *words) for name, words in ask.items()}
     (value,) = re.findall(r"^force: (\S+)$", found["solve"][1], re.MULTILINE)  # beside warnings of the large step
     assert found["solve"][0] == 0 and float(value) == pytest.approx(known, rel=1e-5)  # six digits are printed
-    for name in ("page", "embed"):
-        assert found[name][0] == 3 and "or of your own, as Bingham is" in found[name][1]
+    assert found["page"][0] == 3 and "no scenery.npz beside model.npz" in found["page"][1]
+    assert found["embed"][0] == 0 and "_solve" in Path("a.h").read_text()
     assert found["serve"][0] == 3 and "cannot be served" in found["serve"][1]
     assert found["answer"][0] == found["dakota"][0] == 0
     (row,) = csv.DictReader(Path("answers.csv").read_text().splitlines())

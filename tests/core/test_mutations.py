@@ -253,7 +253,10 @@ def trial(kind, original, folder, count, seed):
     """Outcomes that are wrong, by what was done to the file, and how many were refused."""
     folder.mkdir()
     cases = list(mutants(original, folder, count, seed))
-    run = python(__file__, kind, original, *(path for _, path in cases), code=None)
+    # modules of tests lie in the folder above this file's, which is where its process looks
+    folders = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(folders)}
+    run = python(__file__, kind, original, *(path for _, path in cases), code=None, env=environment)
     lines = [json.loads(line) for line in run.stdout.splitlines() if line.startswith("[")]
     wrong, refused = {}, 0
     for (name, _), (outcome, growth) in zip(cases, lines, strict=False):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -21,7 +21,6 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import STEP, Formula, Scalar, box_samples, formula_of
-from hhr_dolfinx.loads import Term
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
@@ -33,6 +32,9 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
 from hhr_dolfinx.plain import Rebuilt
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.loads import Term
 
 Size = float | str
 """A number, or a formula of the parameters."""
@@ -180,6 +182,8 @@ class Rigid:
         """Changes of the gaps of the rows over the box; none if no size depends on parameters."""
         if not self._varies or self.box is None:
             return []
+        from hhr_dolfinx.loads import Term  # a model file has these classes and needs no forms
+
         shape, nodal, normals, _ = self._conditions(surfaces[0], rows.matrix.shape[1])
         # rows are means of those of nodes, whose normals have length 1
         means = csc_matrix(rows.matrix @ nodal.matrix.T)

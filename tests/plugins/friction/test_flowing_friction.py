@@ -193,7 +193,7 @@ def test_what_slides_far_is_told_of():
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):
-        with pytest.raises(NotOfferedError, match="bodies flow and contacts rub are not built in"):
+        with pytest.raises(NotOfferedError, match="bodies flow and contacts have friction are not built in"):
             one.march(path, hhr.MarchSettings(gradient=True))
     with pytest.raises(NotOfferedError, match="a correction of forces is not built in"):
         training.force_correction()
