@@ -64,7 +64,7 @@ class CommonConditions:
         """The conditions, with one of those that several contacts state; no shares if there are none.
 
         Raises:
-            SceneError: for contacts that are the same, or whose laws or openings differ on a common condition.
+            SceneError: for contacts whose laws or openings differ on a common condition.
         """
         one, other = self._alike(*self._beside())
         if not one.size:
@@ -80,7 +80,7 @@ class CommonConditions:
         parts = parts / np.bincount(label, parts)[label]
         mean = csr_matrix((parts, (label, np.arange(m))), shape=(count, m))
         # the slave of a row has the weight 1 along the mean of its normals
-        directions = mean @ self._normals
+        directions = mean @ self._aligned(first[label])
         lengths = np.where(np.bincount(label) > 1, np.linalg.norm(directions, axis=1), 1.0)
         normals = directions / lengths[:, None]
         mean = csr_matrix(diags(1 / lengths) @ mean)
@@ -110,6 +110,12 @@ class CommonConditions:
         found = np.zeros(rows.points.shape)
         found[entries.row[own], component[own]] = entries.data[own]
         return normalised(found)
+
+    def _aligned(self, first: np.ndarray) -> np.ndarray:
+        """Normals of all conditions; that of the ``first``, (m,), where slave and master change their roles."""
+        own = self._normals
+        turned = np.einsum("md,md->m", own, own[first]) < 0.0
+        return np.where(turned[:, None], own[first], own)
 
     def _beside(self) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of two contacts that act on a common node, (k,) each."""
@@ -144,7 +150,6 @@ class CommonConditions:
             # of one row with two gaps the smaller one holds, as on a step of the ground
             alike[k] = not step[k] if same[k] or GROUND in bodies[0] else bool(bodies[0] & bodies[1])
             alike[k] &= self._agree(one[k], other[k], length)
-        self._refuse_repeated(one[alike], other[alike])
         return one[alike], other[alike]
 
     def _of_one_slave(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -203,20 +208,6 @@ class CommonConditions:
     def _named(self, condition: int) -> str:
         number = int(self.given.pairs[condition])
         return f"contact {number} of {', '.join(map(str, self.given.scene.contacts[number].tags))}"
-
-    def _refuse_repeated(self, one: np.ndarray, other: np.ndarray) -> None:
-        """Raise SceneError for two contacts of one surface whose conditions are all the same."""
-        given = self.given
-        pairs = given.pairs
-        for first, second in np.unique(np.column_stack([pairs[one], pairs[other]]), axis=0).tolist():
-            here = (pairs[one] == first) & (pairs[other] == second)
-            whole = np.unique(one[here]).size == (pairs == first).sum()
-            whole &= np.unique(other[here]).size == (pairs == second).sum()
-            if whole and given.scene.contacts[first].tags[0] == given.scene.contacts[second].tags[0]:
-                raise SceneError(
-                    f"{self._named(one[here][0])} and {self._named(other[here][0])} of scene '{given.scene.name}' state "
-                    "the same conditions: leave one of them out"
-                )
 
     def _areas(self, label: np.ndarray) -> np.ndarray:
         """Area of each condition, (m,); conditions of one slave surface have no more than its area together."""
