@@ -23,11 +23,11 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.followers import Followers
-from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
-from hhr_dolfinx.pairings.surface import CREASE, GRAZING, Surface, looking, normalised
+from hhr_dolfinx.pairings.surface import CREASE, GRAZING, Surface, looking
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
@@ -103,13 +103,7 @@ class CommonConditions:
     @cached_property
     def _normals(self) -> np.ndarray:
         """Unit normal of each row at its slave, (m, dim)."""
-        rows = self.given.rows
-        entries = rows.matrix.tocoo()
-        node, component = np.divmod(entries.col, self._dim)
-        own = node == rows.slaves[entries.row]
-        found = np.zeros(rows.points.shape)
-        found[entries.row[own], component[own]] = entries.data[own]
-        return normalised(found)
+        return normals_of(self.given.rows.matrix, self.given.rows.slaves, self._dim)
 
     def _aligned(self, first: np.ndarray) -> np.ndarray:
         """Normals of all conditions; that of the ``first``, (m,), where slave and master change their roles."""
@@ -130,7 +124,9 @@ class CommonConditions:
         touched = np.flatnonzero(np.diff(nodes.indptr))
         beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
         one, other = touched[beside.row], touched[beside.col]
-        apart = (one < other) & (pairs[one] != pairs[other])
+        areas = self.given.rows.areas
+        # rows without an area have no pressure, such as single dofs of surfaces that slide
+        apart = (one < other) & (pairs[one] != pairs[other]) & (areas[one] + areas[other] > 0)
         return one[apart], other[apart]
 
     def _alike(self, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
