@@ -23,7 +23,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
-from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
@@ -236,10 +236,17 @@ class Discretisation(DiscreteSpace):
         scene = self.scene
         if len({law.plugin for law in laws.values()}) > 1:
             raise SceneError(f"contacts of scene '{scene.name}' have laws of several plug-ins: not built in")
-        if not all(law.remembers for law in laws.values()):
-            raise SceneError(f"a law of contacts of scene '{scene.name}' does not remember: such laws are not built in")
+        first, *others = laws.values()
+        if any(type(law).attached.__func__ is not type(first).attached.__func__ for law in others):
+            raise SceneError(
+                f"contacts of scene '{scene.name}' have laws of several classes, each of which has its attached(): that "
+                "is not built in. Give them a common one, which reads them all"
+            )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = next(iter(laws.values())).attached(laws, scene, rows, pairs, free, lifts, mesh)
+        found = first.attached(laws, scene, rows, pairs, free, lifts, mesh)
+        check_attached(first, found[2])
+        if not np.array_equal(found[1][: pairs.size], pairs):
+            raise SceneError(f"attached() of {type(first).__name__} must append rows to the conditions, and keep these")
         if scene.shapes and not found[2].reshapes:
             raise SceneError(
                 f"contacts of scene '{scene.name}' have {found[2].name}, and shapes depend on parameters: that is not "

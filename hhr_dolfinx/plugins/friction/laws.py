@@ -70,7 +70,6 @@ class Friction(ContactLaw, Rebuilt):
 
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
-    remembers: ClassVar[bool] = True
     floats: ClassVar[bool] = True
     reshapes: ClassVar[bool] = True
 

@@ -23,7 +23,6 @@ class _Tangential(PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
-    remembers: ClassVar[bool] = True
     coefficient: Any
     limit: Any
 
