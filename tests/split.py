@@ -1,7 +1,6 @@
 """A flat interface of two blocks that is stated as two contacts, whose surfaces share the node at x = 1."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,21 +36,21 @@ def scene(contacts: Sequence[Any], cells: Sequence[int] = (8, 8), *, split: bool
             hhr.ContactMoment(f"moment {k}", k, (0.0, 0.0)),
         )
     ]  # fmt: skip
-    made = hhr.Scene(
-        name="split_interface",
-        geometry=lambda comm: geometry(comm, cells, split),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(FIRST, young=1e3, poisson=0.0), hhr.Body(SECOND, young=1e3, poisson=0.0)),
-        contacts=tuple(contacts),
-        displacements=(
+    parts = {
+        "name": "split_interface",
+        "geometry": lambda comm: geometry(comm, cells, split),
+        "hypothesis": "plane_strain",
+        "bodies": (hhr.Body(FIRST, young=1e3, poisson=0.0), hhr.Body(SECOND, young=1e3, poisson=0.0)),
+        "contacts": tuple(contacts),
+        "displacements": (
             *hhr.Displacement.clamp(side(FIRST, 1, upper=False), 2),
             hhr.Displacement(side(SECOND, 0, upper=False), 0),
             hhr.Displacement(side(SECOND, 1, upper=True), 1, hhr.Amplitude(slopes={"press": -2e-3})),
         ),
-        parameters=hhr.ParameterSpace(("press",), (0.0,), (20.0,)),
-        outputs=tuple(outputs),
-    )
-    return replace(made, **changes)
+        "parameters": hhr.ParameterSpace(("press",), (0.0,), (20.0,)),
+        "outputs": tuple(outputs),
+    }
+    return hhr.Scene(**parts | changes)
 
 
 def half(pressure: float, force: float, arm: float) -> dict[str, float]:

@@ -1,5 +1,7 @@
 """One interface that two contacts state: the answer is that of one contact of the whole, by every pairing."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import split
@@ -56,7 +58,7 @@ def test_two_masters_of_one_slave():
         return mesh, cells, split.dmesh.meshtags(mesh, 1, facets.indices, values)
 
     with pytest.warns(PairingWarning, match="beyond the edge"):  # each half of the master, which has the other half
-        full = hhr.FullOrderModel(split.replace(scene, geometry=geometry))
+        full = hhr.FullOrderModel(dataclasses.replace(scene, geometry=geometry))
     answer = full.solve(POINT)
     assert full.conditions == joined.conditions == 8
     assert answer.pressure() == pytest.approx(np.full(8, 10.0), rel=1e-10)
@@ -70,6 +72,6 @@ def test_surfaces_that_slide_far_refuse_it():
     halves = [node_to_surface(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
     held = split.scene(halves, outputs=())
     above = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0)
-    held = split.replace(held, displacements=(*held.displacements[:2], held.displacements[3], above))
+    held = dataclasses.replace(held, displacements=(*held.displacements[:2], held.displacements[3], above))
     with pytest.raises(SceneError, match="the slaves of contacts 0 and 1 .* share nodes"):
         hhr.slide(held)
