@@ -239,7 +239,7 @@ class Discretisation(DiscreteSpace):
         first, *others = laws.values()
         if any(type(law).attached.__func__ is not type(first).attached.__func__ for law in others):
             raise SceneError(
-                f"contacts of scene '{scene.name}' have laws of several classes, each of which has its attached(): that "
+                f"contacts of scene '{scene.name}' have laws of several classes, each with its attached(): that "
                 "is not built in. Give them a common one, which reads them all"
             )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)

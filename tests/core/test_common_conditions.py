@@ -71,7 +71,8 @@ def test_one_plane_of_two_faces():
 
 def test_a_step_and_a_corner_are_two_conditions_of_a_node():
     """Of two heights the higher one holds; planes of two directions hold in both."""
-    step = split.scene([hhr.Obstacle(tag, (0, -1), offset) for tag, offset in zip(split.UPPER, (0.0, 0.5), strict=True)])
+    heights = zip(split.UPPER, (0.0, 0.5), strict=True)
+    step = split.scene([hhr.Obstacle(tag, (0, -1), offset) for tag, offset in heights])
     full = hhr.FullOrderModel(dataclasses.replace(step, outputs=()))
     assert full.conditions == 10 and full.problem.shares is None
     sides = {(axis, upper): block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True)}

@@ -226,7 +226,8 @@ def test_laws_of_several_classes_are_not_read_by_one_of_them(wear):
             raise AssertionError("the first class reads all")
 
     bottom, right = block.side(1, upper=False), block.side(0, upper=True)
-    pairs = (hhr.Obstacle(bottom, (0.0, -1.0), 0.0, law=wear), hhr.Obstacle(right, (1.0, 0.0), 9.0, law=Other(CONSTANT)))
+    floor = hhr.Obstacle(bottom, (0.0, -1.0), 0.0, law=wear)
+    pairs = floor, hhr.Obstacle(right, (1.0, 0.0), 9.0, law=Other(CONSTANT))
     with pytest.raises(SceneError, match="laws of several classes"):
         hhr.FullOrderModel(dataclasses.replace(scene(), contacts=pairs))
 

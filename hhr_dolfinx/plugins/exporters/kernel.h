@@ -343,7 +343,7 @@ static inline void model_read(const model_work *w, double *outputs) {
             continue;
         }
         for (int i = 0; i < item->count; i++) most = fmax(most, w->forces[item->conditions[i]] / item->areas[i]);
-        for (int i = 0; i < item->count; i++)
+        for (int i = 0; i < item->count && !item->largest; i++)
             if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->counted[i];
         outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
     }

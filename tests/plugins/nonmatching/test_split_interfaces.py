@@ -73,5 +73,5 @@ def test_surfaces_that_slide_far_refuse_it():
     held = split.scene(halves, outputs=())
     above = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0)
     held = dataclasses.replace(held, displacements=(*held.displacements[:2], held.displacements[3], above))
-    with pytest.raises(SceneError, match="the slaves of contacts 0 and 1 .* share nodes"):
+    with pytest.raises(SceneError, match=r"the slaves of contacts 0 and 1 .* share nodes"):
         hhr.slide(held)
