@@ -208,8 +208,8 @@ def pair_law(pair: object, what: str) -> PairLaw | None:
         for item in value if isinstance(value, tuple | list) else (value,):
             if hasattr(item, "rows") and hasattr(item, "tags") and pair_law(item, f"{name} of {what}") is not None:
                 raise SceneError(
-                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: give the outer pairing "
-                    "a field law, and the law to that"
+                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: give the outer "
+                    "pairing a field law, and the law to that"
                 )
     if not given:
         return None

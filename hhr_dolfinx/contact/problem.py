@@ -233,7 +233,7 @@ class ContactProblem:
             )
 
     def shares_of(self, place: int) -> np.ndarray:
-        """Share of a contact pair, by its index in the scene, in each condition, (N_lambda,); zero in those of others."""
+        """Share of a contact pair, by its index in the scene, in each condition, (N_lambda,); zero without one."""
         if self.shares is None:
             return (self.contact_pairs == place).astype(float)
         return self.shares.of(place, self.contact_pairs)

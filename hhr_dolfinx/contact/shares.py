@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, vstack
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of contacts in their common conditions, (s,) of them; all other conditions are those of one contact."""
+    """Shares of contacts in common conditions, (s,); all other conditions are those of one contact."""
 
     conditions: np.ndarray  # number of the condition, (s,)
     pairs: np.ndarray  # contact, by its index in the scene, (s,)
@@ -39,18 +39,12 @@ class Shares:
         return csr_matrix((entries.data * scale, (entries.row, entries.col)), shape=rows.shape)
 
     def extended(self, slaves: np.ndarray, pairs: np.ndarray, count: int) -> Shares:
-        """Shares with rows of a law, which follow ``count`` conditions and are at their slaves, (m,), and pairs."""
-        number = {key: place for place, key in enumerate(zip(slaves[:count].tolist(), pairs[:count].tolist(), strict=True))}
-        added = [
-            (place, entry)
-            for place, key in enumerate(zip(slaves[count:].tolist(), pairs[count:].tolist(), strict=True), start=count)
-            for entry in np.flatnonzero(self.conditions == number.get(key, -1)).tolist()
-        ]
-        if not added:
-            return self
-        places, entries = np.array(added).T
+        """Shares in rows of a law too, which follow ``count`` conditions, by slaves and pairs of all, (m,)."""
+        own = np.array([slaves, pairs])
+        known, added = own[:, self.conditions], own[:, count:]
+        entries, rows = np.nonzero((known[:, :, None] == added[:, None]).all(axis=0))
         return Shares(
-            np.concatenate([self.conditions, places]),
+            np.concatenate([self.conditions, count + rows]),
             np.concatenate([self.pairs, self.pairs[entries]]),
             np.concatenate([self.shares, self.shares[entries]]),
             csr_matrix(vstack([self.nodes, self.nodes[entries]])),

@@ -201,12 +201,11 @@ class Discretisation(DiscreteSpace):
             gaps, opened = np.hsplit(both, 2)
         shares = None
         if len(scene.contacts) > 1:
-            given = Conditions(scene, rows, pairs, opened)
-            given, shares = CommonConditions(
-                given, follow, free, self._cell_nodes(), amplitudes, self.surface
-            ).joined()
+            stated = Conditions(scene, rows, pairs, opened)
+            common = CommonConditions(stated, follow, free, self._cell_nodes(), amplitudes, self.surface)
+            stated, shares = common.joined()
             if shares is not None:
-                rows, pairs, gaps = given.rows, given.pairs, _gaps(given.rows, given.opened, lifts)
+                rows, pairs, gaps = stated.rows, stated.pairs, _gaps(stated.rows, stated.opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)

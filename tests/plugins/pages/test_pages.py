@@ -15,8 +15,8 @@ import numpy as np
 import pellet_cladding
 import press_fit
 import pytest
-import split
 import sphere_on_block
+import split
 import test_moduli
 from bare import WAIT
 from mpi4py import MPI
