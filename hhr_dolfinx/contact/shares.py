@@ -41,8 +41,8 @@ class Shares:
     def extended(self, slaves: np.ndarray, pairs: np.ndarray, count: int) -> Shares:
         """Shares in rows of a law too, which follow ``count`` conditions, by slaves and pairs of all, (m,)."""
         own = np.array([slaves, pairs])
-        known, added = own[:, self.conditions], own[:, count:]
-        entries, rows = np.nonzero((known[:, :, None] == added[:, None]).all(axis=0))
+        known = own[:, self.conditions]
+        entries, rows = np.nonzero((known[:, :, None] == own[:, None, count:]).all(axis=0))
         return Shares(
             np.concatenate([self.conditions, count + rows]),
             np.concatenate([self.pairs, self.pairs[entries]]),

@@ -123,7 +123,8 @@ class CommonConditions:
         nodes = csr_matrix(nodes[:, several])
         touched = np.flatnonzero(np.diff(nodes.indptr))
         beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
-        one, other = touched[beside.row], touched[beside.col]
+        one = touched[beside.row]
+        other = touched[beside.col]
         areas = self.given.rows.areas
         # rows without an area have no pressure, such as single dofs of surfaces that slide
         apart = (one < other) & (pairs[one] != pairs[other]) & (areas[one] + areas[other] > 0)

@@ -205,7 +205,9 @@ class Discretisation(DiscreteSpace):
             common = CommonConditions(stated, follow, free, self._cell_nodes(), amplitudes, self.surface)
             stated, shares = common.joined()
             if shares is not None:
-                rows, pairs, gaps = stated.rows, stated.pairs, _gaps(stated.rows, stated.opened, lifts)
+                rows = stated.rows
+                pairs = stated.pairs
+                gaps = _gaps(rows, stated.opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)
@@ -236,7 +238,9 @@ class Discretisation(DiscreteSpace):
         if len({law.plugin for law in laws.values()}) > 1:
             raise SceneError(f"contacts of scene '{scene.name}' have laws of several plug-ins: not built in")
         first, *others = laws.values()
-        if any(type(law).attached.__func__ is not type(first).attached.__func__ for law in others):
+        if any(
+            getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None) for law in others
+        ):
             raise SceneError(
                 f"contacts of scene '{scene.name}' have laws of several classes, each with its attached(): that "
                 "is not built in. Give them a common one, which reads them all"
