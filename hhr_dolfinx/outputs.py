@@ -8,7 +8,7 @@ and boxes refer to the mesh in the middle of the parameter box: an output stays 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
-from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
+from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded, LoadedShare
 from hhr_dolfinx.parameters import Tag, as_tuple, check_pair_index, is_number, is_whole
 
 if TYPE_CHECKING:
@@ -104,13 +104,17 @@ class ModelProbe:
     def nodal_forces(self, output: OfContact) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of the nodes of its first surface, and the forces on them.
 
-        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n dim).
+        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n dim). Of a condition
+        that several contacts state each has its share.
         """
         self.conditions(output)
-        conditions = np.flatnonzero(self.problem.contact_pairs == output.contact)
+        shares = self.problem.shares
+        conditions = np.flatnonzero(self.problem.shares_of(output.contact))
+        rows = self.contact_rows[conditions]
+        rows = rows if shares is None else shares.rows_of(output.contact, conditions, rows)
         surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
         dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
-        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
+        return conditions, surface.points, csr_matrix(-rows[:, dofs])
 
 
 class Output(Protocol):
@@ -227,8 +231,7 @@ class ContactWidth(OfContact):
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
-        conditions, areas = probe.loaded(self)
-        return Loaded(self.name, self.unit, *no_rows(), conditions, areas, 0.0, 1.0)
+        return _area_under_load(self, probe)
 
 
 @dataclass(frozen=True)
@@ -237,8 +240,8 @@ class LostContact(OfContact):
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
-        conditions, areas = probe.loaded(self)
-        return Loaded(self.name, self.unit, *no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
+        area = _area_under_load(self, probe)
+        return replace(area, offset=1.0, factor=-1.0 / float(area.counted.sum()))
 
 
 @dataclass(frozen=True)
@@ -355,6 +358,14 @@ def no_axis(output: Any) -> None:
     """Raise SceneError for an axis in the plane."""
     if output.axis is not None:
         raise SceneError(f"output '{output.name}': an axis is for meshes in space, leave it out")
+
+
+def _area_under_load(output: OfContact, probe: ModelProbe) -> Loaded:
+    """Area under load of the contact of an output, which has a share in conditions that others state too."""
+    conditions, areas = probe.loaded(output)
+    shares = probe.problem.shares_of(output.contact)[conditions]
+    given = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0
+    return Loaded(*given) if (shares == 1.0).all() else LoadedShare(*given, shares * areas)
 
 
 def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:

@@ -275,7 +275,7 @@ class Scene:
     @property
     def remembers(self) -> bool:
         """True if answers depend on the path that leads to them, by the law of a contact."""
-        return any(law is not None and law.remembers for law in self.laws)
+        return any(law is not None for law in self.laws)
 
     @cached_property
     def reader(self) -> str:

@@ -13,6 +13,7 @@ from hhr_dolfinx.command.words import AT, KNOWN, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.scene import Scene
 
@@ -23,11 +24,11 @@ FIELDS = (".vtkhdf", ".vtu")
 
 
 def largest_values(
-    answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, forces: np.ndarray
+    answer: Answer, dimension: int, scene: Scene | None, problem: ContactProblem | None, forces: np.ndarray
 ) -> dict[str, float]:
     """The largest displacement, the sum of the forces of each contact, and the number of active contacts.
 
-    Scene and pairs, (c,), of the forces of pressures, (c,), are None for a model in a file, which has no units.
+    Scene and problem are None for a model in a file, which has no units; ``forces`` are those of pressures, (c,).
     """
     length = force = ""
     if scene is not None and scene.units is not None:
@@ -35,14 +36,14 @@ def largest_values(
         force = scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
-    several = pairs is not None and np.unique(pairs).size > 1
-    if pairs is None or scene is None:
+    if problem is None or scene is None:
         rows[_with_unit("sum of the forces of all contacts", force)] = float(forces.sum())
     else:
-        for number in np.unique(pairs):
-            which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
-            name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
-            rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
+        numbers = [number for number in range(len(scene.contacts)) if problem.pressing_of(number).size]
+        for number in numbers:
+            which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}"
+            name = f"sum of the forces of contact{which}" if len(numbers) > 1 else "sum of contact forces"
+            rows[_with_unit(name, force)] = float(forces @ problem.shares_of(number)[problem.pressing])
     return rows | {"active contacts": int((forces > 0).sum())} | answer.memory.counted()
 
 
@@ -72,7 +73,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if out is not None:
         write = registry.tool("fields", "--out, a file of fields,")
     model: Any
-    scene = pairs = None
+    scene = problem = None
     if in_file:
         model = model_of(what, known)
     else:
@@ -80,7 +81,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
         model = FullOrderModel(scene_of(what))
         scene = model.scene
-        pairs = model.problem.contact_pairs[model.problem.pressing]
+        problem = model.problem
     middle = not (words or in_file)
     point = point_of(words, model.parameters, others=model.parameters.middle if middle else None)
     step = {}
@@ -98,7 +99,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         model.strains.check(model, SnapshotSet.of_answers([answer]))
     rows = {f"{name}, middle of its box": value for name, value in point.items()} if middle else {}
     rows |= {"seconds of one step from rest": step["duration"]} if step else {}
-    rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
+    rows |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))
     if model.fields.functionals is not None:
         outputs = answer.outputs()
         rows |= {_with_unit(name, outputs.units[name]): value for name, value in outputs.values.items()}

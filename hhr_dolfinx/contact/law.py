@@ -43,7 +43,6 @@ class PairLaw(ABC):
     """A law of the plug-in ``plugin`` as a user gives it to a contact pair."""
 
     plugin: ClassVar[str]
-    remembers: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -93,12 +92,12 @@ class StepContact(Protocol):
 class ContactLaw:
     """A law on the contact conditions of a problem, or on those that a model solves for.
 
-    The methods here are those of unilateral contact.
+    The methods here are those of unilateral contact, and so is no attribute: a law remembers.
     """
 
     plugin: ClassVar[str] = ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
     name: ClassVar[str] = "unilateral contact"  # description in messages
-    remembers: ClassVar[bool] = False  # whether answers depend on the path that leads to them
+    remembers: ClassVar[bool] = True  # whether answers depend on the path that leads to them
     # whether its increments solve for the motions of bodies that contact alone holds; scenes with such bodies are
     # refused otherwise
     floats: ClassVar[bool] = False
@@ -162,6 +161,7 @@ class ContactLaw:
 class Unilateral(ContactLaw):
     """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
 
+    remembers: ClassVar[bool] = False
     fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
 
@@ -179,15 +179,38 @@ class _UnilateralStep:
 UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 
+def check_attached(given: PairLaw, law: ContactLaw) -> None:
+    """Raise SceneError for a law on the conditions that is not that of a user's law: it would be left out."""
+    if isinstance(law, ContactLaw) and law.remembers and law.plugin == given.plugin:
+        return
+    raise SceneError(
+        f"attached() of {type(given).__name__} returned {law!r}, and a contact law that remembers, of the plug-in "
+        f"'{given.plugin}', is needed: other models would leave out {given.words}. Return an object of a class derived "
+        f"from ContactLaw, with plugin = '{given.plugin}' and without remembers = False"
+    )
+
+
 def pair_law(pair: object, what: str) -> PairLaw | None:
-    """Law of ``what``, a pairing, in addition to unilateral contact; None without one. Its fields have :data:`LAW`.
+    """Law of ``what``, a pairing, in addition to unilateral contact; None without one.
+
+    It is the value of ``law``, of fields with :data:`LAW`, of those that plug-ins read, or any :class:`PairLaw`.
 
     Raises:
-        SceneError: for an invalid law, two laws, or a law that no installed plug-in reads.
+        SceneError: for an invalid law, two laws, a law that no installed plug-in reads, or that of a pairing inside.
     """
     readers = registry.named("pair_laws")
-    own = {item.name for item in fields(pair) if item.metadata.get("law")} if is_dataclass(pair) else set()
+    declared = fields(pair) if is_dataclass(pair) else ()
+    parts = dict(getattr(pair, "__dict__", {})) | {item.name: getattr(pair, item.name) for item in declared}
+    own = {item.name for item in declared if item.metadata.get("law")}
+    own |= {name for name, value in parts.items() if isinstance(value, PairLaw)} | {"law"}
     given = {name: value for name in sorted(own | readers.keys()) if (value := getattr(pair, name, None)) is not None}
+    for name, value in parts.items():
+        for item in value if isinstance(value, tuple | list) else (value,):
+            if hasattr(item, "rows") and hasattr(item, "tags") and pair_law(item, f"{name} of {what}") is not None:
+                raise SceneError(
+                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: give the outer "
+                    "pairing a field law, and the law to that"
+                )
     if not given:
         return None
     if len(given) > 1:

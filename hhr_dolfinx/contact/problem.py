@@ -32,6 +32,7 @@ from hhr_dolfinx.parameters import ParameterSpace, PointLike
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.followers import Followers
     from hhr_dolfinx.contact.kernel import Kernel
+    from hhr_dolfinx.contact.shares import Shares
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -154,7 +155,8 @@ class ContactProblem:
     contact: csr_matrix  # B with zero columns at imposed dofs, (N_lambda, N)
     gaps: np.ndarray  # D - B lift, (N_lambda, 1 + T)
     contact_slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,)
-    contact_pairs: np.ndarray  # number of the contact pair of each condition, in the order of the scene, (N_lambda,)
+    # number of the contact pair of each condition, in the order of the scene, the first of several, (N_lambda,)
+    contact_pairs: np.ndarray
     contact_points: np.ndarray  # position of each condition, (N_lambda, dim)
     contact_areas: np.ndarray  # tributary area of each condition, (N_lambda,)
     cell_nodes: np.ndarray  # nodes of each cell, (cells, n)
@@ -178,6 +180,7 @@ class ContactProblem:
     # local rows of each part of K before followers are eliminated, times the lifts, (own, 1 + T) each: values of
     # equations act through rows and columns that T^T K T lacks; empty without followers
     pulled: tuple[csc_matrix, ...] = ()
+    shares: Shares | None = None  # of contact pairs in conditions that several state; None without such conditions
 
     @property
     def movable(self) -> np.ndarray:
@@ -229,9 +232,15 @@ class ContactProblem:
                 "bodies, hhr.condense(scene)"
             )
 
+    def shares_of(self, place: int) -> np.ndarray:
+        """Share of a contact pair, by its index in the scene, in each condition, (N_lambda,); zero without one."""
+        if self.shares is None:
+            return (self.contact_pairs == place).astype(float)
+        return self.shares.of(place, self.contact_pairs)
+
     def pressing_of(self, place: int) -> np.ndarray:
         """Numbers of the conditions of pressures of a contact pair, by its index in the scene."""
-        return np.flatnonzero((self.contact_pairs == place) & self.pressing)
+        return np.flatnonzero((self.shares_of(place) > 0) & self.pressing)
 
     def at(self, mu: PointLike) -> ContactProblem:
         """The problem with the constant stiffness of one parameter; the problem itself if nothing varies."""

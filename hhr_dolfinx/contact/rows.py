@@ -36,6 +36,17 @@ class ContactRows:
         return ContactRows(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
+def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:
+    """Unit normal of each row of B, at its slave, (m, dim); zero without entries there."""
+    entries = matrix.tocoo()
+    node, component = np.divmod(entries.col, dimension)
+    own = node == slaves[entries.row]
+    found = np.zeros((matrix.shape[0], dimension))
+    found[entries.row[own], component[own]] = entries.data[own]
+    lengths = np.linalg.norm(found, axis=1, keepdims=True)
+    return found / np.where(lengths > 0, lengths, 1.0)
+
+
 def joined(parts: Sequence[ContactRows]) -> ContactRows:
     """Rows of several pairs, one pair after another."""
     matrix, *others = ([getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__)

@@ -23,12 +23,14 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
-from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
+from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, rounded
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
+from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
@@ -137,13 +139,12 @@ class Discretisation(DiscreteSpace):
         lifts = follow.lifted(lifts)
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
-        gaps = -(rows.matrix @ lifts).toarray()
-        gaps[:, 0] += rows.gap
+        added = np.zeros((pairs.size, shape[1]))
         for k, item in enumerate(scene.openings, start=1 + len(straight)):
-            gaps[pairs == item.contact, k] += 1.0
+            added[pairs == item.contact, k] += 1.0
         if opened:
-            gaps += placed(opened, first, gaps.shape).toarray()
-        rows, pairs, gaps, law = self._conditions(rows, pairs, gaps, lifts, free, follow, amplitudes)
+            added += placed(opened, first, added.shape).toarray()
+        rows, pairs, gaps, law, shares = self._conditions(rows, pairs, added, lifts, free, follow, amplitudes)
         pulled = [strained(term, lifts) if moduli or scene.constraints else term @ lifts for term in stiffness]
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
         weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
@@ -161,6 +162,7 @@ class Discretisation(DiscreteSpace):
             contact_pairs=pairs,
             contact_points=rows.points,
             contact_areas=rows.areas,
+            shares=shares,
             cell_nodes=self._cell_nodes(),
             points=self._points(),
             amplitudes=amplitudes,
@@ -177,28 +179,41 @@ class Discretisation(DiscreteSpace):
         self,
         rows: ContactRows,
         pairs: np.ndarray,
-        gaps: np.ndarray,
+        opened: np.ndarray,
         lifts: csc_matrix,
         free: np.ndarray,
         follow: Followers,
         amplitudes: Amplitudes,
-    ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw]:
-        """Rows, pairs, gaps and law of the conditions with unknowns."""
+    ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
+        """Rows, pairs, gaps, law and shares of the conditions with unknowns; ``opened`` is the part of openings."""
         scene = self.scene
+        gaps = _gaps(rows, opened, lifts)
         acting = replace(rows, matrix=follow.acting(rows.matrix))
         kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
+        opened = opened[kept]
         if scene.constraints:
             from hhr_dolfinx.full_order.constraints import without_repeated
 
-            rows, pairs, gaps = without_repeated(rows, pairs, gaps, follow, free)
+            rows, pairs, both = without_repeated(rows, pairs, np.hstack([gaps, opened]), follow, free)
+            gaps, opened = np.hsplit(both, 2)
+        shares = None
+        if len(scene.contacts) > 1:
+            stated = Conditions(scene, rows, pairs, opened)
+            common = CommonConditions(stated, follow, free, self._cell_nodes(), amplitudes, self.surface)
+            stated, shares = common.joined()
+            if shares is not None:
+                rows = stated.rows
+                pairs = stated.pairs
+                gaps = _gaps(rows, stated.opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)
+            shares = None if shares is None else shares.extended(rows.slaves, pairs, len(gaps))
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
-        return rows, pairs, gaps, law
+        return rows, pairs, gaps, law, shares
 
     def _constrained(self, free: np.ndarray, imposed: list[Term]) -> tuple[Followers, list[Term]]:
         """Followers of the constraints, and lifts of their values."""
@@ -222,10 +237,19 @@ class Discretisation(DiscreteSpace):
         scene = self.scene
         if len({law.plugin for law in laws.values()}) > 1:
             raise SceneError(f"contacts of scene '{scene.name}' have laws of several plug-ins: not built in")
-        if not all(law.remembers for law in laws.values()):
-            raise SceneError(f"a law of contacts of scene '{scene.name}' does not remember: such laws are not built in")
+        first, *others = laws.values()
+        if any(
+            getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None) for law in others
+        ):
+            raise SceneError(
+                f"contacts of scene '{scene.name}' have laws of several classes, each with its attached(): that "
+                "is not built in. Give them a common one, which reads them all"
+            )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = next(iter(laws.values())).attached(laws, scene, rows, pairs, free, lifts, mesh)
+        found = first.attached(laws, scene, rows, pairs, free, lifts, mesh)
+        check_attached(first, found[2])
+        if not np.array_equal(found[1][: pairs.size], pairs):
+            raise SceneError(f"attached() of {type(first).__name__} must append rows to the conditions, and keep these")
         if scene.shapes and not found[2].reshapes:
             raise SceneError(
                 f"contacts of scene '{scene.name}' have {found[2].name}, and shapes depend on parameters: that is not "
@@ -358,6 +382,13 @@ class Discretisation(DiscreteSpace):
         every = csc_matrix(identity(pairs.size))
         terms = [replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened]
         return joined(parts), pairs, terms
+
+
+def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarray:
+    """D - B lift by term, (m, 1 + T), with gaps that openings add."""
+    gaps = opened - (rows.matrix @ lifts).toarray()
+    gaps[:, 0] += rows.gap
+    return gaps
 
 
 def _without_columns(matrix, columns):

@@ -47,7 +47,7 @@ MODULES = {
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.exact": "ExactFields SolvedFields",
     "models.functionals.functional": "Functionals",
-    "models.functionals.kinds": "Largest Linear Loaded",
+    "models.functionals.kinds": "Largest Linear Loaded LoadedShare",
     "models.reconstruct": "Reconstruction",
     "models.reduced": "ReducedModel",
     "models.starts": "KnownStatuses LinearStarts",

@@ -25,12 +25,12 @@ from hhr_dolfinx.parameters import Tag, is_number
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Contact with a rigid plane ``x·n = offset``, thesis (1.26): ``u·n <= offset - x·n``.
+    """Contact with a rigid plane ``normal·x = offset``, thesis (1.26): ``u·n <= offset / |normal| - x·n``.
 
     Attributes:
         surface: facet tag of the surface of the body.
-        normal: unit vector n, from the body towards the obstacle.
-        offset: position of the plane along n.
+        normal: vector from the body towards the obstacle, of any length; n is its direction.
+        offset: normal·x of the points x of the plane: its position along n if the normal has the length 1.
         friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
         law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
@@ -54,15 +54,16 @@ class Obstacle:
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset - x·n for each node with a side that looks at the plane."""
+        """One row u·n <= offset / |normal| - x·n for each node with a side that looks at the plane."""
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
+        offset = self.offset / float(np.linalg.norm(self.normal))
         check_facing(surface, normal, along=True, upright=True)
         facing, areas = along_normal(surface, normal)
         order = facing[tangential_order(surface.points[facing], normal)]
         nodes = surface.nodes[order]
         points = surface.points[order]
         matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
-        rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, areas[order])
+        rows = ContactRows(matrix, offset - points @ normal, nodes, points, areas[order])
         warn_of_overlap(surface, rows)
         return surface.averaged(rows)

@@ -15,6 +15,7 @@ from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
+from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -142,6 +143,93 @@ def test_a_facet_without_increments_refuses(full, monkeypatch):
 def test_without_its_plug_in_it_is_refused():
     with pytest.raises(SceneError, match="no plug-in reads it"):
         scene(law=Wear(CONSTANT))
+
+
+def denying(monkeypatch):
+    monkeypatch.setattr(my_contact_law.Wearing, "remembers", False, raising=False)
+
+
+def unread(monkeypatch):
+    own = lambda cls, laws, scene, rows, pairs, *_: (rows, pairs, UNILATERAL)  # noqa: E731
+    monkeypatch.setattr(Wear, "attached", classmethod(own))
+
+
+def of_another(monkeypatch):
+    monkeypatch.setattr(my_contact_law.Wearing, "plugin", "")
+
+
+def cut(monkeypatch):
+    whole = Wear.attached.__func__
+    own = lambda cls, laws, scene, rows, pairs, *more: whole(cls, laws, scene, rows.take([0]), pairs[:1], *more)  # noqa: E731
+    monkeypatch.setattr(Wear, "attached", classmethod(own))
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    (denying, r"attached\(\) of Wear returned Wearing.*would leave out wear 0.05"),
+    (unread, r"attached\(\) of Wear returned Unilateral.*would leave out wear 0.05"),
+    (of_another, r"of the plug-in 'my_contact_law', is needed"),
+    (cut, "must append rows to the conditions"),
+])  # fmt: skip
+def test_a_law_is_in_the_problem_or_refused(change, why, wear, monkeypatch):
+    """No flag decides whether a law is read: a wear that models leave out would be a pressure that never falls."""
+    change(monkeypatch)
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(scene(law=wear))
+
+
+def test_a_law_need_not_say_that_it_remembers(wear):
+    """A block that is held while it wears: p of the closed form by backward Euler."""
+    assert "remembers" not in vars(my_contact_law.Wearing)
+    expected, _ = pressures(PATH)
+    history = hhr.FullOrderModel(scene(law=wear)).march(PATH)
+    assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(expected, rel=1e-9)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plane:
+    """A pairing of a user's own; its fields do not say which of them is a law."""
+
+    surface: int
+    law: object = None
+    extra: object = None
+    inner: object = None
+
+    @property
+    def tags(self):
+        return (self.surface,)
+
+    def rows(self, surfaces, dofs):
+        return hhr.Obstacle(self.surface, (0.0, -1.0), 0.0).rows(surfaces, dofs)
+
+
+def test_a_law_of_a_pairing_of_ones_own_is_read_whatever_its_field(wear):
+    """By its value: without metadata, in a field of any name, and not inside of another pairing."""
+    bottom = block.side(1, upper=False)
+    expected, _ = pressures(PATH)
+    made = scene()
+    for pair in (Plane(bottom, law=wear), Plane(bottom, extra=wear)):
+        history = hhr.FullOrderModel(dataclasses.replace(made, contacts=(pair,))).march(PATH)
+        assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(expected, rel=1e-9)
+    inside = Plane(bottom, inner=hhr.Obstacle(bottom, (0.0, -1.0), 0.0, law=wear))
+    with pytest.raises(SceneError, match=r"contact 0 .* has a law inside of its inner.*give the outer pairing"):
+        dataclasses.replace(made, contacts=(inside,))
+    with pytest.raises(SceneError, match=r"has law = 0.3, and no plug-in reads it"):
+        dataclasses.replace(made, contacts=(Plane(bottom, law=0.3),))
+
+
+def test_laws_of_several_classes_are_not_read_by_one_of_them(wear):
+    """The first class would read the laws of all others as its own."""
+
+    class Other(Wear):
+        @classmethod
+        def attached(cls, *given):
+            raise AssertionError("the first class reads all")
+
+    bottom, right = block.side(1, upper=False), block.side(0, upper=True)
+    floor = hhr.Obstacle(bottom, (0.0, -1.0), 0.0, law=wear)
+    pairs = floor, hhr.Obstacle(right, (1.0, 0.0), 9.0, law=Other(CONSTANT))
+    with pytest.raises(SceneError, match="laws of several classes"):
+        hhr.FullOrderModel(dataclasses.replace(scene(), contacts=pairs))
 
 
 @needs("floating", "friction", "shapes")

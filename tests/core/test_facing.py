@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from needs import present
-from surfaces import make
+from surfaces import chain, make
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
@@ -150,3 +150,16 @@ def test_a_surface_that_looks_away_is_refused():
     away = make(1, points, half, points[half].mean(axis=1) / 2)
     with pytest.raises(SceneError, match="none of its 23 facets does"):
         hhr.Obstacle(1, (0.0, -1.0), 1.3).rows([away], points.size)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0, 1e-3])
+def test_an_obstacle_is_the_plane_of_its_equation(length):
+    """The points x of normal·x = offset do not change if both sides are scaled: -2 y = 2e-4 is the floor y = -1e-4."""
+    points = np.array([[0.0, 0.0], [1.0, 0.2], [2.0, 0.1]])
+    surface = make(1, points, chain(3), np.array([1.0, 1.0]))
+    down = np.array([0.3, -1.0])
+    scaled = hhr.Obstacle(1, tuple(length * down), length * 0.4).rows([surface], points.size)
+    distances = (0.4 - points @ down) / np.linalg.norm(down)
+    assert scaled.gap == pytest.approx(distances[np.searchsorted(surface.nodes, scaled.slaves)], rel=1e-14)
+    one = np.asarray(scaled.matrix.multiply(scaled.matrix).sum(axis=1)).ravel()
+    assert one == pytest.approx(np.ones(3))

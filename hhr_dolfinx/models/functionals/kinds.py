@@ -120,9 +120,14 @@ class Loaded(OfPressures):
     offset: float  # added to the area times the factor
     factor: float
 
+    @property
+    def counted(self) -> np.ndarray:
+        """Part of each area that counts, (c,)."""
+        return self.areas
+
     def value(self, state: State) -> float:
         """Area whose pressure exceeds :data:`LOADED` of the largest pressure."""
-        return float(self.offset + self.factor * self.areas[self._loaded(state)].sum())
+        return float(self.offset + self.factor * self.counted[self._loaded(state)].sum())
 
     def slopes(self, state: State) -> Slopes:
         """Zero."""
@@ -131,13 +136,25 @@ class Loaded(OfPressures):
     def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Area on the other shape of the conditions under load."""
         assert isinstance(there, Loaded)
-        return float(there.offset + there.factor * there.areas[self._loaded(state)].sum())
+        return float(there.offset + there.factor * there.counted[self._loaded(state)].sum())
 
     def _loaded(self, state: State) -> np.ndarray:
         """Conditions under load, (c,) bool."""
         pressures = self.pressures(state)
         largest = pressures.max()
         return (pressures > LOADED * largest) & (largest > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedShare(Loaded):
+    """Area under load of a contact that has a share in some conditions."""
+
+    own: Annotated[Floats, "conditions"]  # its part of each area, (c,)
+
+    @property
+    def counted(self) -> np.ndarray:
+        """See :class:`Loaded`."""
+        return self.own
 
 
 def tied(values: np.ndarray, place: int) -> bool:

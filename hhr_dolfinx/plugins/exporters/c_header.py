@@ -342,6 +342,7 @@ class _Data:
         own += f".count = {self.arrays[item['conditions']].size}, "
         if item["kind"] == "largest":
             return own + ".largest = 1}"
+        own += f".counted = {self._put(item['counted'])}, "
         return own + f".offset = {item['offset']!r}, .factor = {item['factor']!r}, .least = {item['least']!r}}}"
 
 

@@ -48,7 +48,7 @@ typedef struct {
     int count, terms_count, forced;
 } model_part;
 typedef struct {
-    const double *forces, *terms, *motions, *areas; /* weights of a linear one; areas of the others */
+    const double *forces, *terms, *motions, *areas, *counted; /* weights of a linear one; areas of the others */
     const int *conditions;
     double offset, factor, least;
     int count, largest;
@@ -343,8 +343,8 @@ static inline void model_read(const model_work *w, double *outputs) {
             continue;
         }
         for (int i = 0; i < item->count; i++) most = fmax(most, w->forces[item->conditions[i]] / item->areas[i]);
-        for (int i = 0; i < item->count; i++)
-            if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->areas[i];
+        for (int i = 0; i < item->count && !item->largest; i++)
+            if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->counted[i];
         outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
     }
 }

@@ -32,7 +32,7 @@ PLUGIN = Plugin(
         f"{_HERE}.laws": "Friction FrictionLaw",
         f"{_HERE}.pair_laws": "Coulomb Tresca",
         f"{_HERE}.fields": "FrictionalFields",
-        f"{_HERE}.functionals": "Remembered StatusArea",
+        f"{_HERE}.functionals": "Remembered RememberedShare StatusArea",
     },
     pair_laws={"friction": f"{_HERE}.pair_laws:law_of"},
     memory=("slip",),

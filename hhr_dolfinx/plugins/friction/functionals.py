@@ -30,6 +30,19 @@ class Remembered(Functional):
 
 
 @dataclass(frozen=True, eq=False)
+class RememberedShare(Remembered):
+    """Sum of such a quantity, of which the pair of the output has a share in some contacts."""
+
+    shares: Annotated[Floats, "contacts"]  # (c,)
+
+    def value(self, state: State) -> float:
+        """Value up to the time of the answer."""
+        if SLIP not in state.memory:
+            return 0.0
+        return float(self.factor * (self.shares @ getattr(state.memory[SLIP], self.quantity)[self.contacts]))
+
+
+@dataclass(frozen=True, eq=False)
 class StatusArea(Functional):
     """Tributary areas, (c,), of the closed ones of some contacts with friction, by number, that stick, or that slip."""
 

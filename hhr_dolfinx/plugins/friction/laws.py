@@ -44,7 +44,7 @@ class FrictionLaw(Rebuilt):
         Raises:
             SceneError: if a constant is negative or not finite somewhere in the range, or names an unknown parameter.
         """
-        return cls(*(_scalar(getattr(law, name), space, f"the {name} of friction of {what}") for name in _CONSTANTS))
+        return cls(*(_scalar(getattr(law, name), name, space, what) for name in _CONSTANTS))
 
     def at(self, point: np.ndarray) -> tuple[float, float]:
         """Coefficient and limit at a point, (P,); infinite for no limit."""
@@ -52,9 +52,30 @@ class FrictionLaw(Rebuilt):
         return values[0], values[1]
 
 
-def _scalar(value: float | str | None, space: ParameterSpace, called: str) -> Scalar | None:
+ENDLESS = ("inf", "infinity", "infinite", "rough")
+"""Texts for a constant without bound, unless they are names of parameters."""
+REMEDIES = {
+    "coefficient": "surfaces that never slip while they touch have a large number, such as 1e6",
+    "limit": "leave a limit out of Coulomb if there is none, and take a Tie for surfaces that never slip nor open",
+}
+"""Remedy for an infinite constant of friction. Answers had the same digits for coefficients from 1e3 to 1e12."""
+
+
+def check_finite(value: object, name: str, called: str, names: tuple[str, ...] = ()) -> None:
+    """Raise SceneError for an infinite number or a text for it, with its remedy; ``names`` are those of parameters."""
+    if isinstance(value, str):
+        infinite = value.strip().lower() in ENDLESS and value.strip() not in names
+    else:
+        infinite = isinstance(value, float | np.floating) and bool(np.isinf(value))
+    if infinite:
+        raise SceneError(f"{called} = {value!r} must be finite: {REMEDIES[name]}")
+
+
+def _scalar(value: float | str | None, name: str, space: ParameterSpace, what: str) -> Scalar | None:
     if value is None:
         return None
+    called = f"the {name} of friction of {what}"
+    check_finite(value, name, called, space.names)
     try:
         scalar = Scalar(formula_of(value, called).text, space.names)
     except SceneError as error:
@@ -70,7 +91,6 @@ class Friction(ContactLaw, Rebuilt):
 
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
-    remembers: ClassVar[bool] = True
     floats: ClassVar[bool] = True
     reshapes: ClassVar[bool] = True
 

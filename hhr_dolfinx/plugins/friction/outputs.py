@@ -12,7 +12,7 @@ from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.outputs import ModelProbe, OfContact, no_axis, no_rows, place_of, unit_vector
 from hhr_dolfinx.parameters import is_number
-from hhr_dolfinx.plugins.friction.functionals import Remembered, StatusArea
+from hhr_dolfinx.plugins.friction.functionals import Remembered, RememberedShare, StatusArea
 from hhr_dolfinx.plugins.friction.laws import Friction
 
 
@@ -54,7 +54,8 @@ class Torque(OfContact):
                 distances = np.linalg.norm(arms, axis=1)
             else:
                 distances = np.linalg.norm(np.cross(unit_vector(self, "axis", 3), arms), axis=1)
-        return Linear.of(self.name, self.unit, conditions, float(self.friction) * distances)
+        shares = probe.problem.shares_of(self.contact)[conditions]
+        return Linear.of(self.name, self.unit, conditions, float(self.friction) * shares * distances)
 
 
 @dataclass(frozen=True)
@@ -86,9 +87,11 @@ class _Accumulated(OfContact):
     largest: ClassVar[bool] = True
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        own, _ = _sliding(self, probe)
+        own, friction = _sliding(self, probe)
         factor = float(getattr(self, "constant", 1.0))
-        return Remembered(self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest)
+        given = self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest
+        shares = probe.problem.shares_of(self.contact)[friction.normal[own]]
+        return Remembered(*given) if self.largest or (shares == 1.0).all() else RememberedShare(*given, shares)
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,8 @@ class StickArea(OfContact):
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         own, friction = _sliding(self, probe)
-        return StatusArea(self.name, self.unit, *no_rows(), own, friction.area[own], self.sticks)
+        areas = friction.area[own] * probe.problem.shares_of(self.contact)[friction.normal[own]]
+        return StatusArea(self.name, self.unit, *no_rows(), own, areas, self.sticks)
 
 
 @dataclass(frozen=True)

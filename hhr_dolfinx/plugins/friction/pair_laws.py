@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import formula_of
-from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, check_finite
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -23,7 +23,6 @@ class _Tangential(PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
-    remembers: ClassVar[bool] = True
     coefficient: Any
     limit: Any
 
@@ -81,9 +80,9 @@ class Coulomb(_Tangential):
     limit: float | str | None = None
 
     def __post_init__(self) -> None:
-        formula_of(self.coefficient, "the coefficient of friction")
+        _check_constant(self.coefficient, "coefficient")
         if self.limit is not None:
-            formula_of(self.limit, "the limit of friction")
+            _check_constant(self.limit, "limit")
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,14 @@ class Tresca(_Tangential):
     coefficient: ClassVar[None] = None  # type: ignore[misc]
 
     def __post_init__(self) -> None:
-        formula_of(self.limit, "the limit of friction")
+        _check_constant(self.limit, "limit")
+
+
+def _check_constant(value: float | str, name: str) -> None:
+    """Raise SceneError for a constant of a law that is neither a finite number nor a formula."""
+    if not isinstance(value, str):  # a text may be the name of a parameter
+        check_finite(value, name, f"the {name} of friction")
+    formula_of(value, f"the {name} of friction")
 
 
 Law = Coulomb | Tresca
@@ -117,6 +123,8 @@ def law_of(friction: Any, what: str) -> Law | None:
     """
     if friction is None or isinstance(friction, Coulomb | Tresca):
         return friction
+    if not isinstance(friction, str):
+        check_finite(friction, "coefficient", f"the coefficient of friction of {what}")
     try:
         return Coulomb(friction)
     except SceneError:

@@ -16,10 +16,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from hhr_dolfinx.contact.law import MeshArrays
-from hhr_dolfinx.contact.rows import ContactRows, joined
+from hhr_dolfinx.contact.rows import ContactRows, joined, normals_of
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
-from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
 PARALLEL = 1e-9
@@ -189,16 +188,6 @@ def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[in
     for contact, row in zip(common.row[inside].tolist(), common.col[inside].tolist(), strict=True):
         found.setdefault(contact, []).append(row)
     return {contact: np.array(rows) for contact, rows in found.items()}
-
-
-def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:
-    """Unit normal of each row of B, at its slave, (m, dim)."""
-    entries = matrix.tocoo()
-    node, component = np.divmod(entries.col, dimension)
-    own = node == slaves[entries.row]
-    found = np.zeros((matrix.shape[0], dimension))
-    found[entries.row[own], component[own]] = entries.data[own]
-    return normalised(found)
 
 
 def tangents_of(normals: np.ndarray) -> np.ndarray:

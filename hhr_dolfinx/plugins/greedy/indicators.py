@@ -184,6 +184,7 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         contact_areas=problem.contact_areas[sets.A_lambda],
         cell_nodes=number[problem.cell_nodes[sets.cells]],
         points=problem.points[nodes],
+        shares=None,
     )
     return Restriction(part, dofs, -csr_matrix(rows))
 

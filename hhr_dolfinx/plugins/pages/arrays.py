@@ -239,6 +239,7 @@ def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str,
     own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):
         return {"kind": "largest"} | own
+    own |= {"counted": arrays.put(f"output{number}_counted", item.counted)}
     return {"kind": "loaded", "offset": item.offset, "factor": item.factor, "least": LOADED} | own
 
 
@@ -254,6 +255,7 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         "contact_points": arrays.put("contact_points", scenery.contact_points),
         "areas": arrays.put("areas", scenery.areas),
         "pairs": arrays.put("pairs", scenery.pairs, "<i4"),
+        "shares": arrays.put("shares", scenery.shares.ravel()),
         "words": scenery.words,
         "moves": scenery.moves,
     }

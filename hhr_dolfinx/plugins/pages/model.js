@@ -304,12 +304,12 @@ const hhr = (() => {
         const [pushed, loaded] = [dot(this.arrays[item.forces], forces), dot(this.arrays[item.terms], theta)];
         return pushed + loaded + (item.motions ? dot(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
       }
-      const places = this.arrays[item.conditions], areas = this.arrays[item.areas];
+      const places = this.arrays[item.conditions], areas = this.arrays[item.areas], counted = this.arrays[item.counted];
       let most = -Infinity;
       places.forEach((place, k) => { most = Math.max(most, forces[place] / areas[k]); });
       if (item.kind === "largest") return most;
       let loaded = 0;
-      places.forEach((place, k) => { if (most > 0 && forces[place] / areas[k] > item.least * most) loaded += areas[k]; });
+      places.forEach((place, k) => { if (most > 0 && forces[place] / areas[k] > item.least * most) loaded += counted[k]; });
       return item.offset + item.factor * loaded;
     }
 

@@ -75,7 +75,8 @@ class Scenery:
         lines: edges of the surface, also as indices into the drawn nodes, (l, 2); none in space.
         contact_points: points of the contact conditions, (m, dim).
         areas: of the conditions, (m,).
-        pairs: contact of each condition, (m,).
+        pairs: contact of each condition, the first of several, (m,).
+        shares: condition, contact and its share, of conditions that several contacts state, (k, 3).
         compliance: S times ones at the middle of the box, (m,), to check that model and scenery are of one scene.
         moves: True if shapes are parameters: areas are then those at the middle of the box.
         strains: of the drawn cells; None if their stress does not follow from displacements alone.
@@ -91,6 +92,7 @@ class Scenery:
     contact_points: np.ndarray
     areas: np.ndarray
     pairs: np.ndarray
+    shares: np.ndarray
     compliance: np.ndarray
     moves: bool
     words: dict[str, Any]
@@ -99,7 +101,7 @@ class Scenery:
 
     def write(self, path: str | Path) -> None:
         """Write it to a file."""
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        arrays = {name: getattr(self, name) for name in (*_ARRAYS, "shares")}
         header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
         if self.strains is not None:
             own = self.strains
@@ -119,7 +121,7 @@ class Scenery:
         header, arrays = read_arrays(path, FORMAT, VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
-        own = {name: arrays[name] for name in _ARRAYS}
+        own = {name: arrays[name] for name in _ARRAYS} | {"shares": arrays.get("shares", np.zeros((0, 3)))}
         try:
             strains = _strains(header, arrays) if "moduli" in header else None
         except (KeyError, TypeError, ValueError) as error:
@@ -143,9 +145,11 @@ class Scenery:
             if array.ndim != 2 or array.shape[1] != width or not inside:
                 return f"{name} name nodes that are not there"
         m = len(self.areas)
-        shapes = self.contact_points.shape, self.pairs.shape, self.compliance.shape
-        if shapes != ((m, self.points.shape[1]), (m,), (m,)):
+        shapes = self.contact_points.shape, self.pairs.shape, self.compliance.shape, self.shares.shape[1:]
+        if shapes != ((m, self.points.shape[1]), (m,), (m,), (3,)):
             return "places of contact do not fit"
+        if not np.isin(self.shares[:, 0], np.arange(m)).all():
+            return "shares name conditions that are not there"
         named = isinstance(self.words, dict) and isinstance(self.words.get("scene"), str)
         named = named and len(self.words.get("contacts", ())) > self.pairs.max(initial=-1)
         if not named or not isinstance(self.moves, bool):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
@@ -60,11 +61,19 @@ def scenery_of(full: FullOrderModel) -> Scenery:
         np.ascontiguousarray(problem.contact_points),
         problem.contact_areas.copy(),
         problem.contact_pairs.astype(np.int64),
+        _shares(problem),
         problem.contact @ full.pushed_everywhere(np.ones(full.conditions)),
         bool(full.scene.shapes),
         _words(full.scene),
         strains_of(full, np.tile(owners, len(parts))),
     )
+
+
+def _shares(problem: ContactProblem) -> np.ndarray:
+    """Condition, contact and its share, of conditions that several contacts state, (k, 3)."""
+    if problem.shares is None:
+        return np.zeros((0, 3))
+    return np.column_stack([problem.shares.conditions, problem.shares.pairs, problem.shares.shares]).astype(float)
 
 
 def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:

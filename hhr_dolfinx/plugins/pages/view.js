@@ -70,15 +70,23 @@
   const what = scenery.moves ? "force of a node" : "pressure", ofPressure = (scenery.moves ? words.force : words.stress) ?? "";
   const stressOf = (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN);
   const pressure = () => Array.from(answer.forces, stressOf);
-  const ownOf = (pair) => [...pairs.keys()].filter((i) => pairs[i] === pair && presses(i));
-  const contacts = [...new Set(pairs)].sort((a, b) => a - b);
+  /* Share of a contact in each condition: some are those of several contacts. */
+  const common = arrays[scenery.shares], entries = [...Array(common.length / 3).keys()].map((k) => [...common.slice(3 * k, 3 * k + 3)]);
+  const sharesOf = (pair) => {
+    const found = Array.from(pairs, (own) => Number(own === pair));
+    for (const [i] of entries) found[i] = 0;
+    for (const [i, contact, share] of entries) if (contact === pair) found[i] = share;
+    return found;
+  };
+  const ownOf = (pair) => { const shares = sharesOf(pair); return [...pairs.keys()].filter((i) => shares[i] > 0 && presses(i)); };
+  const contacts = [...new Set([...pairs, ...entries.map(([, contact]) => contact)])].sort((a, b) => a - b);
   const contactName = (pair) => `contact ${pair}${words.contacts[pair] ? `: ${words.contacts[pair]}` : ""}`;
 
   function rows() {
     const found = [], all = pressure(), values = model.outputs(answer), slopes = marching ? [] : model.slopes(answer);
     tree.outputs.forEach((item, k) => found.push([`${item.name}${unit(item.unit)}`, values[k], slopes[k]]));
     for (const pair of contacts) {
-      const own = ownOf(pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
+      const own = ownOf(pair), shares = sharesOf(pair), sum = own.reduce((t, i) => t + shares[i] * answer.forces[i], 0);
       const peak = Math.max(...own.map((i) => (Number.isNaN(all[i]) ? -Infinity : all[i])));
       found.push([contactName(pair), null, null]);
       found.push([`sum of forces${unit(words.force)}`, sum, null]);
@@ -94,10 +102,10 @@
   const onSlave = (k, axis) => -answer.forces[sliding.tangential[k]] * sliding.tangents[dim * k + axis];
 
   function rubbing(pair) {
-    const contact = [...sliding.normal.keys()].filter((k) => pairs[sliding.normal[k]] === pair);
-    const total = (values) => contact.reduce((t, k) => t + values[k], 0);
+    const shares = sharesOf(pair), shareOf = (k) => shares[sliding.normal[k]], contact = [...sliding.normal.keys()].filter((k) => shareOf(k) > 0);
+    const total = (values) => contact.reduce((t, k) => t + shareOf(k) * values[k], 0);
     const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
-    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}${unit(words.force)}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
+    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}${unit(words.force)}`, along.reduce((t, k) => t + shareOf(sliding.owner[k]) * onSlave(k, c), 0), null]);
     return [...sums, ["sticking contacts", contact.filter((k) => answer.statuses[k] === 1).length, null, contact.length],
       ["slipping contacts", contact.filter((k) => answer.statuses[k] === 2).length, null, contact.length],
       [`dissipated work${unit(words.work)}`, total(answer.work), null], [`largest accumulated slip${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];

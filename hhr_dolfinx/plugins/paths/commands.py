@@ -88,6 +88,6 @@ def row_of(model: Any, answer: Answer) -> dict[str, float]:
     """Time, parameters, what ``hhr solve`` shows of an answer, and the outputs of the scene at a step."""
     row = {"time [s]": answer.time, **dict(zip(model.parameters.names, answer.parameter.tolist(), strict=True))}
     scene = getattr(model, "scene", None)  # a model in a file has none
-    pairs = None if scene is None else model.problem.contact_pairs[model.problem.pressing]
-    row |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
+    problem = None if scene is None else model.problem
+    row |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))
     return row | (answer.outputs().values if model.fields.functionals is not None else {})

@@ -235,7 +235,8 @@ class Reshaped:
         order[keys[0]] = keys[1]
         rows = "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
         ordered = {name: getattr(problem, name)[order] for name in rows.split()}
-        return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])})
+        shares = None if problem.shares is None else problem.shares.ordered(order)
+        return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares)
 
     def _check_box(self) -> None:
         """Raise SceneError for maps that invert a cell in a corner of the box or between."""

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
@@ -28,7 +28,7 @@ from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.tangents import normals_of, tangents_of
+from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.warn import ignored

@@ -10,11 +10,13 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
+from hhr_dolfinx.contact.rows import normals_of
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm
+from hhr_dolfinx.pairings.surface import CREASE
 from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
@@ -116,12 +118,21 @@ def _check(scene: Scene) -> None:
 def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
     """The surfaces of each pair; errors and warnings of the pairing if they do not face each other as meshed."""
     first = 0
-    for item in scene.contacts:
+    known: dict[int, tuple[int, np.ndarray]] = {}
+    for place, item in enumerate(scene.contacts):
         assert isinstance(item, REPEATED)
         pairing = dataclasses.replace(item, friction=None, law=None)  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)
-        pairing.rows((slave, master), points.size)
+        rows = pairing.rows((slave, master), points.size)
+        normals = normals_of(rows.matrix, rows.slaves, points.shape[1])
+        for node, normal in zip(nodes[rows.slaves].tolist(), normals, strict=True):
+            other, before = known.setdefault(node, (place, normal))
+            if scene.contacts[other].tags[0] != item.tags[0] and before @ normal > CREASE:
+                raise SceneError(
+                    f"the slaves of contacts {other} and {place} of scene '{scene.name}' share nodes, which is not "
+                    "built in where surfaces slide past their mesh: make one contact of both, of one tag"
+                )
         yield SlidingPair(pairing, slave, master, first, nodes.size)
         first += points.size

@@ -90,6 +90,15 @@ def views_of_elastic():
     return shown(elastic()[2], ADDRESS, *acts)
 
 
+def test_each_contact_has_its_share_of_a_common_node():
+    """The sums of both contacts are their resultants, as outputs of Python say them."""
+    _, model, scenery = known("halves")
+    (view,) = shown(page.page_text(model, scenery), "press=10")
+    sums = [float(row[1]) for row in view["table"] if row[0].startswith("sum of forces")]
+    outputs = model.solve({"press": 10.0}).outputs()
+    assert sums == [said(outputs[f"force {k}"]) for k in (0, 1)]
+
+
 @needs("moduli")
 def test_numbers_are_those_of_the_model():
     model, scenery, _ = elastic()

@@ -16,6 +16,7 @@ import pellet_cladding
 import press_fit
 import pytest
 import sphere_on_block
+import split
 import test_moduli
 from bare import WAIT
 from mpi4py import MPI
@@ -140,6 +141,13 @@ def held():
     return dataclasses.replace(held_by_contact.o_ring(0.15), outputs=(*pressed, *moved))
 
 
+def halves():
+    """Two contacts share a node in the middle, off the middle of the pressure."""
+    pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    bodies = (hhr.Body(split.FIRST, young=1e3, poisson=0.1), hhr.Body(split.SECOND, young=1e3, poisson=0.4))
+    return split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
+
+
 OF_PELLET = (
     hhr.LargestPressure("peak", 0),
     hhr.ContactForce("push", 0, (1.0, 0.0)),
@@ -158,6 +166,7 @@ SCENES = {
 }
 MORE = {
     "held by contact": held,
+    "halves": halves,
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
     "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
@@ -175,7 +184,7 @@ def marked(*names):
 
 
 @in_node
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact"))
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves"))
 def test_a_page_has_the_digits_of_python(name):
     """Whether it starts from the answer before, from the gaps, or from none closed, where springs hold bodies."""
     _, model, scenery = known(name)

@@ -1,0 +1,255 @@
+"""Conditions that several contacts state together: one row with the sum of their areas.
+
+Two contacts whose surfaces share a node each state its condition, on the part of its area that is theirs. The contact
+force of the node is one unknown, so the condition is one too: a multiplier function is the sum of its parts on both
+surfaces, as if they had one tag (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000, for mortar contact). Conditions are one
+
+* if their rows of B T are the same, as of nodes that face each other in two contacts, or that a tie makes one;
+* if their slave nodes are one, their normals too, and they touch the same body, which a mortar row of each part
+  averages in another way.
+
+Conditions on two bodies stay two, and so do those on planes with different normals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.contact.rows import ContactRows, normals_of
+from hhr_dolfinx.contact.shares import Shares
+from hhr_dolfinx.errors import SceneError, rounded
+from hhr_dolfinx.full_order.free_bodies import components_of_nodes
+from hhr_dolfinx.pairings.surface import CREASE, GRAZING, Surface, looking
+from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.scene import Scene
+
+ALIKE = 1e-6
+"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
+GROUND = -1
+"""Number of the body behind obstacles."""
+TRIED = 8
+"""Random points of the box at which openings of two contacts are compared."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of all contacts of a scene, before contacts share any."""
+
+    scene: Scene
+    rows: ContactRows
+    pairs: np.ndarray  # contact of each condition, (m,)
+    opened: np.ndarray  # gaps that openings and moving obstacles add, by term, (m, 1 + T)
+
+
+@dataclass(frozen=True)
+class CommonConditions:
+    """Finds the conditions that several contacts state, and makes one of each."""
+
+    given: Conditions
+    follow: Followers
+    free: np.ndarray  # dofs that are not imposed, (N,) bool
+    cells: np.ndarray  # nodes of each cell
+    amplitudes: Amplitudes
+    surface: Callable[[Tag], Surface]
+
+    def joined(self) -> tuple[Conditions, Shares | None]:
+        """The conditions, with one of those that several contacts state; no shares if there are none.
+
+        Raises:
+            SceneError: for contacts whose laws or openings differ on a common condition.
+        """
+        one, other = self._alike(*self._beside())
+        if not one.size:
+            return self.given, None
+        given = self.given
+        m = given.pairs.size
+        count, label = connected_components(csr_matrix((np.ones(one.size), (one, other)), shape=(m, m)), directed=False)
+        _, first, label = np.unique(label, return_index=True, return_inverse=True)
+        areas = self._areas(label)
+        sums = np.bincount(label, areas)
+        # a node on the axis of symmetry has no area
+        parts = np.where(sums[label] > 0, areas, 1.0)
+        parts = parts / np.bincount(label, parts)[label]
+        mean = csr_matrix((parts, (label, np.arange(m))), shape=(count, m))
+        # the slave of a row has the weight 1 along the mean of its normals
+        directions = mean @ self._aligned(first[label])
+        lengths = np.where(np.bincount(label) > 1, np.linalg.norm(directions, axis=1), 1.0)
+        normals = directions / lengths[:, None]
+        mean = csr_matrix(diags(1 / lengths) @ mean)
+        matrix = _along(csr_matrix(mean @ given.rows.matrix), normals, lengths < 1.0 - ALIKE**2)
+        rows = replace(given.rows.take(first), matrix=matrix, gap=mean @ given.rows.gap, areas=sums)
+        common = np.flatnonzero(np.bincount(label)[label] > 1)
+        nodes = self._shares_of_nodes(common, label, parts, normals)
+        shares = Shares(label[common], given.pairs[common], parts[common], nodes)
+        return Conditions(given.scene, rows, given.pairs[first], mean @ given.opened), shares
+
+    @cached_property
+    def _dim(self) -> int:
+        return self.given.rows.points.shape[1]
+
+    @cached_property
+    def _acting(self) -> csr_matrix:
+        """B T, (m, N)."""
+        return csr_matrix(self.follow.acting(self.given.rows.matrix))
+
+    @cached_property
+    def _normals(self) -> np.ndarray:
+        """Unit normal of each row at its slave, (m, dim)."""
+        return normals_of(self.given.rows.matrix, self.given.rows.slaves, self._dim)
+
+    def _aligned(self, first: np.ndarray) -> np.ndarray:
+        """Normals of all conditions; that of the ``first``, (m,), where slave and master change their roles."""
+        own = self._normals
+        turned = np.einsum("md,md->m", own, own[first]) < 0.0
+        return np.where(turned[:, None], own[first], own)
+
+    def _beside(self) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions of two contacts that act on a common node, (k,) each."""
+        pairs = self.given.pairs
+        entries = self._acting.tocoo()
+        shape = pairs.size, self._acting.shape[1] // self._dim
+        nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // self._dim)), shape=shape)
+        nodes.data[:] = 1.0
+        of_contact = csr_matrix((np.ones(pairs.size), (pairs, np.arange(pairs.size)))) @ nodes
+        several = np.flatnonzero(np.bincount(of_contact.indices, of_contact.data > 0, shape[1]) > 1)
+        nodes = csr_matrix(nodes[:, several])
+        touched = np.flatnonzero(np.diff(nodes.indptr))
+        beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
+        one = touched[beside.row]
+        other = touched[beside.col]
+        areas = self.given.rows.areas
+        # rows without an area have no pressure, such as single dofs of surfaces that slide
+        apart = (one < other) & (pairs[one] != pairs[other]) & (areas[one] + areas[other] > 0)
+        return one[apart], other[apart]
+
+    def _alike(self, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions that are the same among pairs of them, (k,) each."""
+        if not one.size:
+            return one, other
+        rows = self.given.rows
+        acting = csr_matrix(self._acting @ diags(self.free.astype(float)))
+        size = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
+        off = acting[one] - acting[other]
+        same = np.asarray(off.multiply(off).sum(axis=1)).ravel() <= ALIKE**2 * size[one]
+        alike = same | self._of_one_slave(one, other)
+        length = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(rows.gap).max(initial=0.0))
+        step = np.abs(rows.gap[one] - rows.gap[other]) > ALIKE * length
+        for k in np.flatnonzero(alike).tolist():
+            bodies = [self._touched(row) for row in (one[k], other[k])]
+            # of one row with two gaps the smaller one holds, as on a step of the ground
+            alike[k] = not step[k] if same[k] or GROUND in bodies[0] else bool(bodies[0] & bodies[1])
+            alike[k] &= self._agree(one[k], other[k], length)
+        return one[alike], other[alike]
+
+    def _of_one_slave(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Pairs of conditions, (k,), whose slave nodes and normals are one, (k,) bool."""
+        # nodes that constraints make one have the same rows of T
+        known = self.follow.everywhere @ np.random.default_rng(0).standard_normal(self._acting.shape[1])
+        at_slaves = known.reshape(-1, self._dim)[self.given.rows.slaves]
+        node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= ALIKE * np.abs(at_slaves[one]).max(axis=1)
+        cosines = np.einsum("kd,kd->k", self._normals[one], self._normals[other])
+        averages = np.array([getattr(item, "normal", ()) is None for item in self.given.scene.contacts])
+        averages = averages[self.given.pairs]
+        return node & (cosines >= np.where(averages[one] & averages[other], CREASE, 1.0 - ALIKE**2))
+
+    @cached_property
+    def _body(self) -> np.ndarray:
+        """Number of the connected component of each node, by cells and constraints, (nodes,)."""
+        count = self._acting.shape[1] // self._dim
+        label = components_of_nodes(count, self.cells)
+        if self.follow.map is None:
+            return label
+        entries = self.follow.map.tocoo()
+        ends = label[entries.row // self._dim], label[entries.col // self._dim]
+        graph = csr_matrix((np.ones(entries.nnz), ends), shape=(count, count))
+        return connected_components(graph, directed=False)[1][label]
+
+    def _touched(self, condition: int) -> set[int]:
+        """Bodies on the other side of a condition."""
+        row = self.given.rows.matrix[condition].tocoo()
+        weights = row.data * self._normals[condition][row.col % self._dim]
+        bodies, place = np.unique(self._body[row.col // self._dim], return_inverse=True)
+        # a surface in contact with another one of its body has weights of both signs
+        behind = np.bincount(place, np.minimum(weights, 0.0)) < -0.5
+        return set(bodies[behind].tolist()) or {GROUND}
+
+    def _agree(self, one: int, other: int, length: float) -> bool:
+        """True if laws and openings of two contacts are the same on a condition of both.
+
+        Openings of two obstacles for one surface may differ: these are two conditions.
+        """
+        given = self.given
+        samples = given.scene.parameters.random(TRIED, seed=0)
+        opened = self.amplitudes.sum_columns(given.opened[[one, other]], samples)
+        first, second = (given.scene.contacts[given.pairs[row]] for row in (one, other))
+        differ = "laws"
+        if np.abs(opened[0] - opened[1]).max() > ALIKE * length:
+            if first.tags[0] == second.tags[0]:
+                return False
+            differ = "openings"
+        elif given.scene.laws[given.pairs[one]] == given.scene.laws[given.pairs[other]]:
+            return True
+        raise SceneError(
+            f"{self._named(one)} and {self._named(other)} share the node at {rounded(given.rows.points[one])}, whose "
+            f"condition is one, and their {differ} differ: give both the same, or let one surface end before that node"
+        )
+
+    def _named(self, condition: int) -> str:
+        number = int(self.given.pairs[condition])
+        return f"contact {number} of {', '.join(map(str, self.given.scene.contacts[number].tags))}"
+
+    def _areas(self, label: np.ndarray) -> np.ndarray:
+        """Area of each condition, (m,); conditions of one slave surface have no more than its area together."""
+        given = self.given
+        areas = given.rows.areas.copy()
+        first_tags = [item.tags[0] for item in given.scene.contacts]
+        tags = np.array([first_tags.index(tag) for tag in first_tags])[given.pairs]
+        _, group, sizes = np.unique(label * len(first_tags) + tags, return_inverse=True, return_counts=True)
+        for tag in np.unique(tags[sizes[group] > 1]).tolist():
+            surface = self.surface(first_tags[tag])
+            for number in np.unique(group[(sizes[group] > 1) & (tags == tag)]).tolist():
+                own = np.flatnonzero(group == number)
+                _, sides = looking(surface, self._normals[own[0]], GRAZING)
+                whole = sides[surface.nodes == given.rows.slaves[own[0]]].sum()
+                areas[own] *= min(1.0, whole / areas[own].sum()) if whole else 1.0
+        return areas
+
+    def _shares_of_nodes(
+        self, common: np.ndarray, label: np.ndarray, parts: np.ndarray, normals: np.ndarray
+    ) -> csr_matrix:
+        """Share of common conditions, (s,), in the entries of the joined rows at each node, (s, nodes)."""
+        entries = self.given.rows.matrix[common].tocoo()
+        row = common[entries.row]
+        weights = parts[row] * entries.data * normals[label[row], entries.col % self._dim]
+        places = entries.row, entries.col // self._dim
+        own = csr_matrix((weights, places), shape=(common.size, self._acting.shape[1] // self._dim))
+        own.eliminate_zeros()
+        _, place = np.unique(label[common], return_inverse=True)
+        whole = csr_matrix((np.ones(common.size), (place, np.arange(common.size)))) @ own
+        shares = own.tocoo()
+        sums = np.asarray(whole[place[shares.row], shares.col]).ravel()
+        data = np.divide(shares.data, sums, out=np.zeros(sums.size), where=sums != 0)
+        return csr_matrix((data, (shares.row, shares.col)), shape=own.shape)
+
+
+def _along(matrix: csr_matrix, normals: np.ndarray, turned: np.ndarray) -> csr_matrix:
+    """Rows, (m, N), of which some are projected on their normal, (m, dim)."""
+    if not turned.any():
+        return matrix
+    dim = normals.shape[1]
+    entries = matrix.tocoo()
+    weights = entries.data * normals[entries.row, entries.col % dim]
+    shape = matrix.shape[0], matrix.shape[1] // dim
+    nodes = csr_matrix((weights, (entries.row, entries.col // dim)), shape=shape).tocoo()
+    columns = nodes.col[:, None] * dim + np.arange(dim)
+    values = nodes.data[:, None] * normals[nodes.row]
+    straight = csr_matrix((values.ravel(), (np.repeat(nodes.row, dim), columns.ravel())), shape=matrix.shape)
+    return csr_matrix(diags((~turned).astype(float)) @ matrix + diags(turned.astype(float)) @ straight)
