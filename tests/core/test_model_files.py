@@ -7,6 +7,7 @@ import pickle
 import shutil
 from dataclasses import dataclass, replace
 from functools import cache
+from types import MappingProxyType
 
 import contract
 import numpy as np
