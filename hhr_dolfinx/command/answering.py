@@ -109,6 +109,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
+        if answer.note:
+            click.echo(f"path: {answer.note}")
         if unique:
             click.echo(f"answers with {model.law.name}: {unique}")
         if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:

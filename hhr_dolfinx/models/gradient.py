@@ -23,6 +23,7 @@ class Gradient(NamedTuple):
         grazing: conditions about to change their status, whose derivative is one-sided, (m,) bool.
         slack: of the slack, (m, P).
         kinks: number of material points at a kink of their law, and of such points and conditions in earlier steps.
+        note: path along which the derivatives are taken, and how far they have converged, if they depend on one.
     """
 
     unknown: np.ndarray
@@ -30,6 +31,7 @@ class Gradient(NamedTuple):
     grazing: np.ndarray
     slack: np.ndarray
     kinks: int = 0
+    note: str = ""
 
     @property
     def one_sided(self) -> bool:
