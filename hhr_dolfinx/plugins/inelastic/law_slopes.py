@@ -140,7 +140,8 @@ def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) ->
             _solve(law, forward, inputs[strains:first, which])
         forward.run(after)
         some, slopes = forward.outputs(after)
-        values[:, which], outputs[:, which] = some[: law.remembered], slopes[: law.remembered]
+        values[:, which] = some[: law.remembered]
+        outputs[:, which] = slopes[: law.remembered]
         reach[which] = forward.reach
     stress = outputs[:strains].swapaxes(0, 1)
     inelastic = along.strain - np.einsum("ij,njk->nik", numbers.compliance, stress)

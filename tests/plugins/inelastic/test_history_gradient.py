@@ -130,6 +130,7 @@ def relaxed(pull, start, hardening, resistance, durations, exponent=4.0):
     return np.array(found)
 
 
+@pytest.mark.filterwarnings("ignore:the time steps of this history")
 def test_a_bar_that_relaxes_has_the_derivatives_of_its_closed_form():
     """Plasticity with creep, pulled in an instant and held; the side moves by -ν σ/E - (pull - σ/E)/2.
 
