@@ -113,23 +113,26 @@ class Forward:
         if name in _SLOPES and any(self._changes[place] is not None for place in operands):
             for place, slope in zip(operands, _SLOPES[name](value, *given), strict=True):
                 own = self._changes[place]
-                if own is not None:
+                terms = self._sizes[place]
+                if own is not None and terms is not None:
                     change = _added(change, slope, own)
-                    size = _added(size, abs(slope), np.asarray(self._sizes[place]))
+                    size = _added(size, np.abs(slope), terms)
         self._values[to] = value
         self._changes[to] = change
         self._sizes[to] = size
 
     def _watch(self, operands: list[int], given: list[np.ndarray]) -> None:
         """Take in the distance to the kink where two operands, or one and zero, are the same."""
-        first = self._changes[operands[0]]
-        other = self._changes[operands[1]] if len(operands) > 1 else None
-        if first is None and other is None:
-            return
+        rate = np.zeros_like(self.reach)
+        size = np.zeros_like(self.reach)
+        for place, sign in zip(operands, (1.0, -1.0), strict=False):
+            change = self._changes[place]
+            terms = self._sizes[place]
+            if change is not None and terms is not None:
+                rate += sign * change
+                size += terms
         margin = np.abs(given[0] - given[1]) if len(given) > 1 else np.abs(given[0])
-        zero = np.zeros_like(self.reach)
-        rate = np.abs((zero if first is None else first) - (zero if other is None else other))
-        size = sum((self._sizes[place] for place in operands if self._sizes[place] is not None), start=zero)
+        rate = np.abs(rate)
         moves = rate > SIGNIFICANT * size
         found = np.full_like(self.reach, np.inf)
         np.divide(np.broadcast_to(margin[:, None], rate.shape), rate, out=found, where=moves)
@@ -154,7 +157,7 @@ class Forward:
 
 def _added(total: np.ndarray | None, slope: np.ndarray | float, change: np.ndarray) -> np.ndarray:
     """A sum and a slope, (n,) or a number, times a change, (n, K); no change stays none under an infinite slope."""
-    if isinstance(slope, float):
+    if not isinstance(slope, np.ndarray):
         part = change if slope == 1.0 else slope * change
     else:
         part = np.where(change == 0, 0.0, slope[:, None] * change)
