@@ -110,8 +110,9 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
-        if unique:
-            click.echo(f"answers with {model.law.name}: {unique}")
+        for name, text in (("path", answer.note), (f"answers with {model.law.name}", unique)):
+            if text:
+                click.echo(f"{name}: {text}")
         if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
             click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
     if out is not None:

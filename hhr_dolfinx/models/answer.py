@@ -170,6 +170,7 @@ class Answer(NamedTuple):
         memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
             determine; the answer has the least motion along them. None if there are none.
+        note: path that the answer belongs to, and how far it has converged, if it depends on a path that was chosen.
     """
 
     parameter: np.ndarray
@@ -186,6 +187,7 @@ class Answer(NamedTuple):
     ends: tuple[float, ...] = ()
     memory: Memory = NO_MEMORY
     undetermined: np.ndarray | None = None
+    note: str = ""
 
     def __getattr__(self, name: str) -> Any:
         """Part of the memory, None if another law has one of this name; or a method that a plug-in adds."""
@@ -207,6 +209,8 @@ class Answer(NamedTuple):
         if not math.isnan(self.time):
             found["time"] = f"t = {self.time:.6g} s"
         found["status"] = f"{self.status.name.lower().replace('_', ' ')} after {counted(self.iterations, 'iteration')}"
+        if self.note:
+            found["path"] = f"of {self.note}"
         touching = int(np.count_nonzero(self.active))
         found["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
         return found

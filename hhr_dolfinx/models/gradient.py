@@ -22,17 +22,21 @@ class Gradient(NamedTuple):
         multipliers: of the forces on its conditions, (m, P).
         grazing: conditions about to change their status, whose derivative is one-sided, (m,) bool.
         slack: of the slack, (m, P).
+        kinks: number of material points at a kink of their law, and of such points and conditions in earlier steps.
+        note: path along which the derivatives are taken, and how far they have converged, if they depend on one.
     """
 
     unknown: np.ndarray
     multipliers: np.ndarray
     grazing: np.ndarray
     slack: np.ndarray
+    kinks: int = 0
+    note: str = ""
 
     @property
     def one_sided(self) -> bool:
         """True if the derivative holds on one side only."""
-        return bool(self.grazing.any())
+        return bool(self.grazing.any()) or self.kinks > 0
 
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:

@@ -173,19 +173,19 @@ class AnsweringModel(Shown):
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
         Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
-        arguments of this step, see :meth:`Equilibrium.one_step`.
+        arguments of this step, see :meth:`Equilibrium.one_step`. With friction ``converged=True`` refines the path.
         """
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
         if self.equilibrium is not None:
             return self.equilibrium.one_step(self, point, raise_on_failure, outside, gradient, **step)
-        if step:
-            raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
-        if self.law.remembers:
+        if self.law.remembers and step.keys() <= {"converged"}:
             from hhr_dolfinx.models.histories.increments import proportional
 
-            return proportional(self, point, raise_on_failure, outside, gradient)
+            return proportional(self, point, raise_on_failure, outside, gradient, **step)
+        if step:
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
         self.check_range(point, outside)
         try:
             answer = self._answered(point, checked, outside, gradient)

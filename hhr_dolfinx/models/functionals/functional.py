@@ -35,6 +35,7 @@ class Outputs:
     # derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were requested
     gradient: dict[str, np.ndarray] | None = None
     one_sided: bool = False  # whether some of the derivatives hold on one side only
+    note: str = ""  # path that values and derivatives belong to, and how far they have converged; empty without one
 
     def __getitem__(self, name: str) -> float:
         if name not in self.values:
@@ -222,7 +223,7 @@ def outputs_of(answer: Any) -> Outputs:
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:
-        return Outputs(values, units)
+        return Outputs(values, units, note=answer.note)
     acting, slopes = amplitudes.slopes_at(point)
     changes = np.zeros((theta.size, point.size))
     changes[acting] = slopes
@@ -239,4 +240,4 @@ def outputs_of(answer: Any) -> Outputs:
             found = found + slope @ change if slope.size else found
         gradient[item.name] = found + part.point if part.point.size else found
         one_sided = one_sided or part.kink
-    return Outputs(values, units, gradient, one_sided)
+    return Outputs(values, units, gradient, one_sided, answer.gradient.note)

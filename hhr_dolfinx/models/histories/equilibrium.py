@@ -139,6 +139,8 @@ class MarchSettings:
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
             constant of the whole history.
+        limit: with friction, derivatives of the limit of small increments, in which a contact sticks where it closes,
+            instead of those of the increments themselves, in which it sticks to where it was at the start of one.
     """
 
     search: str = "frozen"
@@ -149,6 +151,7 @@ class MarchSettings:
     cuts: int = 6
     outside: str = "warn"
     gradient: bool = False
+    limit: bool = False
     time_tolerance: float | None = None
 
     def __post_init__(self):
@@ -158,8 +161,9 @@ class MarchSettings:
         for name in ("relative_stress", "floor_stress", "relative_force"):
             if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
-        if not isinstance(self.gradient, bool):
-            raise ParameterError(f"gradient = {self.gradient!r} must be True or False")
+        for name in ("gradient", "limit"):
+            if not isinstance(getattr(self, name), bool):
+                raise ParameterError(f"{name} = {getattr(self, name)!r} must be True or False")
         if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
             raise ParameterError(
                 f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"

@@ -12,16 +12,21 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, left_with
 from hhr_dolfinx.one_thread import one_thread
+from hhr_dolfinx.warn import warn
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
 TOLERANCE = 1e-3
 """Error of forces allowed in increments to a single parameter, relative to the largest force."""
+GRADIENT_TOLERANCE = 1e-2
+"""Change of derivatives over the box allowed by twice as many increments, relative to the largest, if they converge."""
+MOST_INCREMENTS = 2048
+"""Increments to a single parameter above which no more are taken."""
 CUTS = 12
 """Largest number of times that a step is halved to meet a tolerance."""
 
@@ -215,39 +220,103 @@ def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:
         raise
 
 
-def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
+def proportional(
+    model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, *, converged: bool = False
+) -> Answer:
     """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to zero.
 
     What the law fixes is that of the point throughout. Increments are cut until forces have converged to
-    :data:`TOLERANCE`; ``time_error`` has the remaining error.
+    :data:`TOLERANCE`; ``time_error`` has the remaining error. With ``converged`` they are doubled until forces and the
+    derivatives of their limit change little. The notes of answer and gradient have what was reached.
+
+    Warns:
+        TimeStepWarning: if the most increments are too few for ``converged``.
     """
-    space = model.parameters
-    start = np.clip(0.0, space.lower, space.upper)
-    fixed = model.law.fixed
-    start[fixed] = point[fixed]
-    shares = np.linspace(0.0, 1.0, PROPORTIONAL + 1)
-    path = [(float(share), start + share * (point - start)) for share in shares]
-    path[-1] = (1.0, point)
-    weights = np.tile(shares[:, None], point.size)
-    weights[:, fixed] = 1.0
-    settings = MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
     model.check_range(point, outside)
     try:
-        history = model.follow(path, settings)
-        error = history.answers[-1].time_error
-        if gradient:  # on the parts that the tolerance required
-            known = [time for time, _ in path]
-            path = history.solved_path
-            solved = [time for time, _ in path]
-            weights = np.column_stack([np.interp(solved, known, column) for column in weights.T])
-            settings = MarchSettings(outside="ignore", gradient=True)
-            history = model.answering(history).follow(path, settings, weights=weights)
+        load = _Proportional(model, point)
+        answer = load.converged(gradient) if converged else load.cut(gradient)
     except (ConvergenceError, NotSolvableError) as error:
         if raise_on_failure:
             raise
         return model.unanswered(point, vars(error).get("status", Status.UNSETTLED))
-    answer = history.answers[-1]
-    return answer._replace(
-        iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),
-        time_error=error,
-    )  # fmt: skip
+    return answer._replace(time=np.nan, ends=())
+
+
+class _Proportional:
+    """Load in proportion from rest to a point, (P,)."""
+
+    def __init__(self, model: Any, point: np.ndarray):
+        space = model.parameters
+        self._model = model
+        self._point = point
+        self._start = np.clip(0.0, space.lower, space.upper)
+        self._start[model.law.fixed] = point[model.law.fixed]
+        self._sides = np.subtract(space.upper, space.lower)
+
+    def _path(self, shares: np.ndarray) -> tuple[Path, np.ndarray]:
+        """Path at some shares of the load, and derivatives of its parameters along those of the point."""
+        path = [(float(share), self._start + share * (self._point - self._start)) for share in shares]
+        path[-1] = (1.0, self._point)
+        weights = np.tile(shares[:, None], self._point.size)
+        weights[:, self._model.law.fixed] = 1.0
+        return path, weights
+
+    def cut(self, gradient: bool) -> Answer:
+        """The answer in increments that are cut until forces have converged."""
+        path, _ = self._path(np.linspace(0.0, 1.0, PROPORTIONAL + 1))
+        history = self._model.follow(path, MarchSettings(time_tolerance=TOLERANCE, outside="ignore"))
+        error = history.answers[-1].time_error
+        solved = history.solved_path
+        if gradient:  # on the parts that the tolerance required
+            path, weights = self._path(np.array([time for time, _ in solved]))
+            settings = MarchSettings(outside="ignore", gradient=True)
+            history = self._model.answering(history).follow(path, settings, weights=weights)
+        kind = "these increments, and not of their limit, which solve(mu, gradient=True, converged=True) has"
+        return self._noted(history, len(solved) - 1, error, kind)
+
+    def converged(self, gradient: bool) -> Answer:
+        """The answer in increments that are doubled until forces and derivatives changed little twice."""
+        count = PROPORTIONAL
+        last: Answer | None = None
+        settled = 0
+        change = slope = np.inf
+        while settled < 2 and count <= MOST_INCREMENTS:
+            path, weights = self._path(np.linspace(0.0, 1.0, count + 1))
+            settings = MarchSettings(outside="ignore", gradient=gradient, limit=gradient)
+            history = self._model.follow(path, settings, weights=weights)
+            answer = history.answers[-1]
+            if last is not None:
+                change = _changed(answer.multipliers, last.multipliers)
+                slopes = [one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient]
+                slope = _changed(*slopes) if slopes else 0.0
+                settled = settled + 1 if change <= TOLERANCE and slope <= GRADIENT_TOLERANCE else 0
+            last = answer
+            count *= 2
+        if settled < 2:
+            warn(
+                f"{count // 2} increments of one proportional load are too few: half of them change forces by "
+                f"{100 * change:.2g} %, and their derivatives by {100 * slope:.2g} %: march along your own path",
+                TimeStepWarning,
+            )
+        kind = f"the limit of small increments, which has converged to {100 * slope:.2g} %"
+        return self._noted(history, count // 2, change, kind)
+
+    def _noted(self, history: History, count: int, error: float, kind: str) -> Answer:
+        """The last answer with notes on its path and on the ``kind`` of its derivatives."""
+        start = self._model.parameters.described(self._start)
+        note = f"one proportional load from {start} in {count} increments, forces converged to {100 * error:.2g} %"
+        answer = history.answers[-1]
+        gradient = answer.gradient
+        if gradient is not None:
+            gradient = gradient._replace(note=f"{note}; derivatives are those of {kind}")
+        cycled = any(one.cycled for one in history.answers)
+        return answer._replace(
+            iterations=sum(history.iterations), cycled=cycled, time_error=error, note=note, gradient=gradient
+        )
+
+
+def _changed(values: np.ndarray, last: np.ndarray) -> float:
+    """Change of values relative to their norm."""
+    size = float(np.linalg.norm(values))
+    return float(np.linalg.norm(values - last)) / size if size else 0.0

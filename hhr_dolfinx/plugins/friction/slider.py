@@ -28,6 +28,8 @@ WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
 APART = 1e-9
 """Part of the largest gap above which a contact is open."""
+NOTE = "derivative of the path in its increments, at their statuses: check that more increments do not change it"
+"""Note of derivatives."""
 
 
 class Reached(NamedTuple):
@@ -44,6 +46,8 @@ class Reached(NamedTuple):
     """Derivative of each parameter here along that of the whole history, (P,)."""
     changes: np.ndarray
     """Derivatives of the position of tangential rows, (T, P)."""
+    closing: np.ndarray
+    """Change of these if an open contact closes next: its position where it closes moves too, (T, P)."""
     displacement: np.ndarray | None = None
     surface_forces: np.ndarray | None = None
     """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired again."""
@@ -84,9 +88,10 @@ class Slider:
         largest, energy: largest norm of forces, and elastic energy of contact, so far: the units of errors.
     """
 
-    def __init__(self, model: Any, gradient: bool = False):
+    def __init__(self, model: Any, gradient: bool = False, limit: bool = False):
         self.model = model
         self.gradient = gradient
+        self._limit = limit
         self.friction: Friction = model.law
         self._far = FarSliding()
         self.surface = Surface.of(model)
@@ -100,7 +105,7 @@ class Slider:
         forces = np.zeros(self.model.own_conditions)
         gap = self._contact_at(point).free_slack[self.friction.normal]
         slip = SlipState.at_rest(self.surface.whole)
-        return Reached(point, time, forces, None, gap, slip, weights, self._no_changes)
+        return Reached(point, time, forces, None, gap, slip, weights, self._no_changes, self._no_changes)
 
     @property
     def _no_changes(self) -> np.ndarray:
@@ -116,7 +121,8 @@ class Slider:
         slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
         gap = slack[self.friction.normal]
         slip = answer.memory[SLIP]
-        return Reached(answer.parameter, answer.time, forces, answer.active, gap, slip, weights, self._no_changes)
+        nothing = self._no_changes
+        return Reached(answer.parameter, answer.time, forces, answer.active, gap, slip, weights, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
@@ -133,25 +139,55 @@ class Slider:
         slip = self.surface.after(before.slip, given, found, partial(unknown_of, contact, found), point)
         gradient = None
         changes = before.changes
+        closing = self._no_changes
         if self.gradient and found.status is Status.CONVERGED:
-            gradient = self._gradient(before, target, given, found, contact)
-            changes = changes + np.where(
-                found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
-            )
-        return Solved(found, self._reached(target, found, slip, changes), contact, gradient)
+            closes = self._closes(before, found)
+            references = before.changes + np.where(closes, before.closing, 0.0)
+            gradient = self._gradient(references, target, given, found, contact)
+            # one that closes within an increment may slip in it alone, as it is drawn from the start of the increment
+            follows = ~found.active[self.friction.tangential, None] & ~closes
+            changes = references + np.where(follows, gradient.slack[self.friction.tangential], 0.0)
+            closing = self._closing(before, found, gradient)
+        return Solved(found, self._reached(target, found, slip, (changes, closing)), contact, gradient)
+
+    def _closes(self, before: Reached, found: Sliding) -> np.ndarray:
+        """Tangential rows of contacts that close in an increment, if derivatives are those of a limit, (T, 1) bool."""
+        friction = self.friction
+        if not self._limit or before.active is None:
+            return np.zeros((friction.tangential.size, 1), dtype=bool)
+        return (found.active & ~before.active)[friction.normal[friction.owner], None]
+
+    def _closing(self, before: Reached, found: Sliding, gradient: Gradient) -> np.ndarray:
+        """Derivatives of the position at which open contacts will close, less those at a fixed time, (T, P).
+
+        A contact that closes at the time t sticks at its position g_t(t) then, and t changes by -dg / (dg/dt) of its
+        gap g. In increments the position is that at the start of one, whose derivative always misses this.
+        """
+        friction = self.friction
+        gap = found.slack[friction.normal]
+        towards = before.gap - gap
+        nears = ~found.active[friction.normal] & (towards > 0)
+        share = np.divide(1.0, towards, out=np.zeros_like(towards), where=nears)[friction.owner]
+        along = found.slack[friction.tangential] * share
+        return along[:, None] * gradient.slack[friction.normal][friction.owner]
 
     def _reached(
-        self, target: Target, found: Sliding, slip: SlipState, changes: np.ndarray, *of_surfaces: np.ndarray
+        self,
+        target: Target,
+        found: Sliding,
+        slip: SlipState,
+        changes: tuple[np.ndarray, np.ndarray],
+        *of_surfaces: np.ndarray,
     ) -> Reached:
         """State at the end of an increment, whose forces count for the unit of errors."""
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]
         state = found.forces, found.active, gap, slip
-        return Reached(target.point, target.time, *state, target.weights, changes, *of_surfaces)
+        return Reached(target.point, target.time, *state, target.weights, *changes, *of_surfaces)
 
     def _gradient(
-        self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
+        self, references: np.ndarray, target: Target, given: Increment, found: Sliding, contact: CondensedContact
     ) -> Gradient:
         """Derivatives of an increment at fixed statuses, also of the increments before."""
         assert self._sliding is not None
@@ -159,7 +195,7 @@ class Slider:
         unknown = unknown_of(contact, found)
         slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
         slack = slack.copy()
-        slack[self.friction.tangential] -= before.changes
+        slack[self.friction.tangential] -= references
         bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
         driving = np.zeros((0, slack.shape[1]))
         if floating is not None:
@@ -170,7 +206,7 @@ class Slider:
         of_unknown = of_unknown - contact.pushed(forces)
         if floating is not None:
             of_unknown = of_unknown + floating.modes @ motions
-        return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
+        return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack, note=NOTE)
 
     def held(self, before: Reached, after: Reached) -> float:
         """Sticking force of contacts that closed in this increment; its reference is the start of the increment."""

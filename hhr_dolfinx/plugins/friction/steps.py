@@ -60,7 +60,7 @@ class _RubbingStep:
 
 class _Steps(Steps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        return Slider(model, settings.gradient)
+        return Slider(model, settings.gradient, settings.limit)
 
     def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers)

@@ -36,8 +36,8 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
-from hhr_dolfinx.plugins.inelastic.law import State
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, extrapolated
+from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -134,10 +134,6 @@ class CondensedEquilibrium(Histories):
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(weights, flow.pressed, 1))
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
-    def responding_at(self, point: np.ndarray) -> CondensedEquilibrium:
-        """See :class:`Equilibrium`."""
-        return self.at(point)
-
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """See :class:`Equilibrium`; (n, c) on Z."""
         return self._by_point(self.free_strain @ theta + self._strain_of(x))
@@ -169,10 +165,6 @@ class CondensedEquilibrium(Histories):
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
-    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Slack without correction under the contact forces of an unknown, (m,), with their elastic response."""
-        return self.gaps(theta) + self.schur @ x[self.modes :]
-
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`; size of g, (1,)."""
         correction = x[: self.modes]
@@ -188,6 +180,38 @@ class CondensedEquilibrium(Histories):
         if found.status is not Status.CONVERGED:
             raise NotSolvableError(f"the elastic contact problem has no solution: {found.status.value}")
         return found.forces
+
+    def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+        """See :class:`Equilibrium`; compliances change too."""
+        change = self.free_strain @ way.change
+        if self.young:
+            elastic = self.flow.forced @ way.theta - x[self.modes :] @ self.flow.per_force
+            change = change + np.tile(self._softer(way)[self.flow.parts], self.flow.components) * elastic
+        return self._by_point(change)
+
+    def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+        """See :class:`Equilibrium`."""
+        if not self.young:
+            return self.gaps(way.change)
+        softer = self._softer(way)
+        by_forces = np.tensordot(softer, self.flow.schur, 1) @ x[self.modes :]
+        return self.gaps(way.change) + by_forces - np.tensordot(softer, self.flow.pressed, 1) @ way.theta
+
+    def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
+        """See :class:`Equilibrium`; elastic forces change on their active conditions."""
+        flow = self.flow
+        elastic = self.elastic_forces(way.theta)
+        unknown = np.concatenate([np.zeros(self.modes), elastic])
+        changes, _ = self._equalities(elastic > 0, self.gaps_along(unknown, way))
+        found = flow.tested @ change.state.inelastic.T.ravel() + self._coupled @ changes
+        if self.young:
+            softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
+            found -= softer @ (x[self.modes :] - elastic)
+        return found
+
+    def _softer(self, way: Way) -> np.ndarray:
+        """Derivative of the compliance of each part along a way, (Q,)."""
+        return self.flow.factors.slopes(way.point) @ way.direction
 
     def signs(self, answer: Answer) -> Signs:
         """Signs of leaving the training: stress of unfamiliar plastic strain on Z.
@@ -223,6 +247,11 @@ class _CondensedLinearisation:
         self._model = model
         self._tested = model.flowing(tangents)
         self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
+
+    def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Slack of an unknown, gaps + S λ - B V g, or the change of it by changes."""
+        model = self._model
+        return gaps + model.schur @ x[model.modes :] - model.flow.moved @ x[: model.modes]
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where active.

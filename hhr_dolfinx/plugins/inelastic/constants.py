@@ -85,6 +85,26 @@ class LawOfParameters:
                 )
         return found
 
+    def along(self, point: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of the formulas at a point, (P,), along directions, (P, K), by name: (1, K), or (places, K)."""
+        from hhr_dolfinx.formulas import STEP
+
+        found = {}
+        for field, scalar in self._scalars.items():
+            if set(scalar.formula.variables) <= set(self._names):
+                found[field] = (scalar.derivative(point)[: point.size] @ directions)[None]
+                continue
+            rows = np.hstack([np.tile(point, (len(self._places), 1)), self._places]).astype(complex)
+            total = np.zeros((len(rows), directions.shape[1]))
+            for place, name in enumerate(self._names):
+                if name in scalar.formula.variables:
+                    rows[:, place] += 1j * STEP
+                    value = scalar.formula(dict(zip(scalar.names, rows.T, strict=True)))
+                    rows[:, place] -= 1j * STEP
+                    total += np.outer(np.imag(value) / STEP, directions[place])
+            found[field] = total
+        return found
+
     def at(self, point: np.ndarray) -> Any:
         """The law with its constants at a point, (P,); SceneError for constants outside their limits."""
         numbers = self.constants(point)
@@ -103,6 +123,10 @@ class ModuliOfParameters:
 
         self._names = tuple(names)
         self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
+
+    def along(self, point: np.ndarray, directions: np.ndarray) -> dict[int, np.ndarray]:
+        """Derivatives of the moduli at a point, (P,), along directions, (P, K), by number: (K,)."""
+        return {number: scalar.derivative(point) @ directions for number, scalar in self._scalars.items()}
 
     def values(self, point: np.ndarray) -> dict[int, float]:
         """The moduli at a point, (P,), by number; SceneError for one that is not positive and finite."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Theta
+from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.models.answer import Answer
@@ -56,6 +56,10 @@ class Linearisation:
             found = contact.solved(self.equalities, slack, active, self.pairs)
         return free - self.push(found.forces), found
 
+    def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Slack of an unknown, gaps - B x, or the change of it by changes."""
+        return gaps - self.rows @ x
+
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
         with self.held():
@@ -77,6 +81,15 @@ class Goal(NamedTuple):
 
     time: float
     parameter: np.ndarray
+
+
+class Way(NamedTuple):
+    """A point of the parameters and a direction from it, with the amplitudes there and their derivatives."""
+
+    point: np.ndarray  # (P,)
+    direction: np.ndarray  # (P,)
+    theta: Theta
+    change: Theta  # derivative of θ along the direction
 
 
 class Stepper(ABC):
@@ -137,7 +150,7 @@ class Equilibrium(ABC):
     size: int  # number of unknowns
     conditions: int
     law: ContactLaw
-    amplitudes: Callable[[np.ndarray], Theta]
+    amplitudes: Amplitudes
     problem: Any  # with gaps as terms of θ
 
     def __init__(self) -> None:
@@ -168,17 +181,21 @@ class Equilibrium(ABC):
     def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
         """Set all that depends on elasticity but the material."""
 
-    def responding_at(self, point: np.ndarray) -> Self:
-        """The model whose strain, gaps and residual at a given unknown have the elasticity of a point, (P,)."""
-        return self
-
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps minus the known part of the motion, (conditions,): upper bounds of B x."""
         return self.problem.gaps @ theta
 
-    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Gaps for the unknowns next to a given one: with the motion by its forces, if these are unknowns."""
-        return self.gaps(theta)
+    def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+        """Derivative of :meth:`strain` along a way at a given unknown."""
+        return self.strain(np.zeros_like(x), way.change)
+
+    def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+        """Derivative along a way of the gaps, with the motion by the forces of an unknown that has them."""
+        return self.gaps(way.change)
+
+    def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
+        """Derivative of :meth:`residual` along a way at a given unknown, by that of stress and state."""
+        return self.residual(np.zeros_like(x), change, way.change)[0]
 
     @abstractmethod
     def stepper(self, settings: MarchSettings) -> Stepper:

@@ -223,6 +223,22 @@ class Material:
             found[place]["young"] = value
         return found
 
+    def constants_along(self, point: np.ndarray, directions: np.ndarray) -> list[np.ndarray]:
+        """Derivatives of E, ν and the constants of each group at a point, (P,), along directions, (P, K).
+
+        They are (2 + constants, points, K), or (2 + constants, 1, K) if all points share them.
+        """
+        moduli = {} if self._moduli is None else self._moduli.along(point, directions)
+        nothing = np.zeros((1, directions.shape[1]))
+        found = []
+        for place, group in enumerate(self.groups):
+            names = () if group.law is None else group.law.constants
+            changes = self._laws[place].along(point, directions) if place in self._laws else {}
+            young = moduli[place][None] if place in moduli else nothing
+            rows = np.broadcast_arrays(young, nothing, *(changes.get(name, nothing) for name in names))
+            found.append(np.array(rows))
+        return found
+
     def at_rest(self) -> State:
         """State without inelastic strain."""
         points = self.gauss_points

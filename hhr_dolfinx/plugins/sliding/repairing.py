@@ -148,7 +148,8 @@ class RepairingSlider(Slider):
         nothing = np.zeros(count)
         gap = self.paired(nothing, nothing).gap
         slip = SlipState.at_rest(self.friction)
-        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, self._no_changes, nothing, nothing)
+        changes = self._no_changes, self._no_changes
+        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, *changes, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
@@ -172,7 +173,7 @@ class RepairingSlider(Slider):
             if change > FAR:
                 found = found._replace(status=Status.UNSETTLED)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
-        reached = self._reached(target, found, slip, before.changes, displacement, surface_forces)
+        reached = self._reached(target, found, slip, (before.changes, before.closing), displacement, surface_forces)
         return Solved(found, reached, contact, None)
 
     def _solved_on(

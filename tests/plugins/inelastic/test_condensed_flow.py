@@ -104,8 +104,10 @@ def test_outputs_and_derivatives_where_displacements_are_imposed():
         for name in ("force", "side", "flank"):
             found = np.array([answer.outputs().gradient[name][axis] for answer in history.answers])
             changes = slopes_between(ends, step, lambda answer, name=name: answer.outputs()[name])
-            # the upper body slides as a whole without friction, and no force knows
-            assert np.linalg.norm(found - changes) <= 1e-5 * np.linalg.norm(changes), (name, axis)
+            # the upper body slides as a whole without friction, and no force knows but for round-off
+            every = [answer.outputs().gradient[name] for answer in history.answers]
+            round_off = 1e-14 * np.linalg.norm(every)
+            assert np.linalg.norm(found - changes) <= 1e-5 * np.linalg.norm(changes) + round_off, (name, axis)
 
 
 @pytest.mark.parametrize(

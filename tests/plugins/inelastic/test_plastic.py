@@ -336,16 +336,6 @@ def test_flow_that_is_not_associated_is_found_by_all_searches():
         full.march(up(0.9), hhr.MarchSettings("tangent", 1e-9, 1e-9, 1e-9, gradient=True))
 
 
-def test_derivatives_at_a_hold_are_refused():
-    """All that yields is about to yield in it: differences of its law are the mean of two slopes."""
-    full, loaded = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 5.0), 0.9)), up(0.85)
-    asked = hhr.MarchSettings("tangent", 1e-9, 1e-9, 1e-9, gradient=True)
-    assert all(answer.gradient is not None for answer in full.march(loaded, asked).answers)
-    time, point = loaded[-1]
-    with pytest.raises(NotOfferedError, match=r"step 9 has no derivatives .* hold of constant load"):
-        full.march([*loaded, (time + 1, point)], asked)
-
-
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
 def test_without_a_law_time_gives_the_elastic_answer(hypothesis, simplices):

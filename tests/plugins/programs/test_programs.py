@@ -12,6 +12,7 @@ from needs import needs
 
 import hhr_dolfinx
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.programs.forward import Forward
 from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
 from hhr_dolfinx.plugins.programs.graph import OPERATIONS, Graph
 from hhr_dolfinx.plugins.programs.machine import evaluated
@@ -47,6 +48,32 @@ def made(state, **sizes):
     nodes = nodes_of(graph, state(*found.values()), inputs)
     every = [node for (node,) in inputs.values()]
     return Program.of(graph, sizes, [nodes, graph.jacobian(nodes, every)])
+
+
+@pytest.mark.parametrize("name", [*SINGLE, *PAIRS])
+def test_forward_derivatives_are_those_of_the_graph(name):
+    """Along three directions, of a program without any derivative in it."""
+    stated, _ = (SINGLE | PAIRS)[name]
+    sizes = {"x": 1} if name in SINGLE else {"x": 1, "y": 1}
+    rng = np.random.default_rng(0)
+    given = rng.uniform(0.05, 0.95, (len(sizes), 200))
+    ways = rng.standard_normal((len(sizes), 200, 3))
+    program = made(stated, **sizes)
+    forward = Forward(program, given, ways)
+    forward.run(0)
+    values, slopes = forward.outputs(0)
+    assert values[0] == pytest.approx(evaluated(program, given)[0], rel=1e-14)
+    assert slopes[0] == pytest.approx(np.einsum("in,ink->nk", evaluated(program, given, 1), ways), rel=1e-13, abs=1e-15)
+
+
+def test_forward_derivatives_find_the_distance_to_kinks():
+    """|x - 2 y| along (x', y'): after |x - 2 y| / |x' - 2 y'|; none along (2, 1), where it stays the same."""
+    program = made(lambda x, y: abs(x - 2 * y), x=1, y=1)
+    given = np.array([[1.0, 2.0], [0.2, 1.0]])
+    forward = Forward(program, given, np.array([[[1.0, 2.0], [1.0, 2.0]], [[0.0, 1.0], [0.0, 1.0]]]))
+    forward.run(0)
+    assert forward.reach[:, 0] == pytest.approx([0.6, 0.0], abs=1e-15)
+    assert np.isinf(forward.reach[:, 1]).all()
 
 
 @pytest.mark.parametrize("name", [*SINGLE, *PAIRS])

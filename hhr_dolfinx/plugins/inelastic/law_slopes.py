@@ -1,0 +1,225 @@
+"""Exact derivatives of what laws of bodies do in a step, along directions of the strain, the old state and constants.
+
+A law of UFL is a program: stress and memory a(y; z) with unknowns y of r(y; z) = 0, of z = (strain, old memory,
+constants). Along a direction y' = -(∂r/∂y)^-1 ∂r/∂z z' by the implicit function theorem, and a' = ∂a/∂y y' + ∂a/∂z z',
+by forward differentiation of the program at the converged unknowns. Each point is on the side of its kinks, such as
+yield, that its step took, and reports how far along a direction the next kink is.
+
+A law that is code has no program. It has differences, which are refused at points whose two sides differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
+from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State
+from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, LOCAL, REST, START, TRIAL, solve_points
+from hhr_dolfinx.plugins.inelastic.outside import LawCode
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
+from hhr_dolfinx.plugins.programs.forward import Forward
+from hhr_dolfinx.plugins.programs.machine import evaluated
+
+CHUNK = 20_000
+"""Points times directions that are differentiated at once: registers of a program keep three numbers for each."""
+STEP = 1e-5
+"""Length of a difference of code, as a part of the box of the parameters and of the largest strain so far."""
+BENT = 0.05
+"""Second difference of a stress over its first one, above which code has a kink there and no curvature."""
+ROUND_OFF = 1e-8
+"""Part of the largest stress below which its second difference is round-off."""
+
+
+class Inputs(NamedTuple):
+    """What a step depends on at n points."""
+
+    strain: np.ndarray  # at its end, (n, c)
+    old: State  # before it
+    dt: float  # its duration
+
+
+class Along(NamedTuple):
+    """Derivatives of the inputs of a step along K directions, which are last in each array."""
+
+    strain: np.ndarray  # (n, c, K)
+    old: State
+    constants: Sequence[np.ndarray]  # of each group, see :meth:`Material.constants_along`
+    lengths: np.ndarray  # of differences of code, (K,)
+
+
+class Slopes(NamedTuple):
+    """Derivatives of the results of a step along K directions."""
+
+    stress: np.ndarray  # (n, c, K)
+    state: State  # K is last in each array
+    reach: np.ndarray  # least distance along each direction to a kink of the law, (n, K)
+
+
+def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
+    """Derivatives of the step of a material whose constants are numbers.
+
+    Raises:
+        NotSolvableError: if the equations of a law are singular at a point.
+        NotOfferedError: for a law that is code at points whose two sides differ.
+    """
+    ways = along.strain.shape[2]
+    old = along.old
+    found = Slopes(
+        np.empty_like(along.strain),
+        State(np.zeros_like(along.strain), old.cumulated.copy(), old.memory.copy()),
+        np.full((len(given.strain), ways), np.inf),
+    )
+    for group, numbers, constants in zip(material.groups, material.given, along.constants, strict=True):
+        size = max(CHUNK // max(ways, 1), 64)
+        for first in range(0, group.indices.size, size):
+            _set_slopes(group, slice(first, first + size), numbers, given, along, constants, found)
+    return found
+
+
+def _set_slopes(
+    group: Group, chosen: slice, numbers: Given, given: Inputs, along: Along, constants: np.ndarray, found: Slopes
+) -> None:
+    """Set the derivatives at some points of a group."""
+    own = group.indices[chosen]
+    values = Inputs(given.strain[own], State(*(part[own] for part in given.old)), given.dt)
+    changes = constants[:, chosen] if constants.shape[1] > 1 else constants
+    ways = Along(along.strain[own], State(*(part[own] for part in along.old)), [changes], along.lengths)
+    if numbers.constants.shape[1] > 1:
+        numbers = numbers._replace(constants=np.ascontiguousarray(numbers.constants[:, chosen]))
+    if group.law is None:
+        young = group.young
+        assert not isinstance(young, str)  # the material is that of a point
+        stress = values.strain @ numbers.elastic
+        found.stress[own] = np.einsum("ij,njk->nik", numbers.elastic, ways.strain)
+        found.stress[own] += stress[:, :, None] * (changes[0] / young)
+        return
+    result = (_of_code if isinstance(group.law, LawCode) else _of_program)(group.law, numbers, values, ways)
+    found.stress[own] = result.stress
+    found.state.inelastic[own], found.state.cumulated[own] = result.state[:2]
+    found.state.memory[own, : result.state.memory.shape[1]] = result.state.memory
+    found.reach[own] = result.reach
+
+
+def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
+    """Derivatives of a law that is a program."""
+    strains = law.strains
+    points, _, ways = along.strain.shape
+    unknowns = len(law.kinds)
+    further = law.remembered - strains - 1
+    inputs = np.zeros((law.program.inputs, points))
+    changes = np.zeros((law.program.inputs, points, ways))
+    first = strains + unknowns
+    for array, values, old in ((inputs, given.strain, given.old), (changes, along.strain, along.old)):
+        array[:strains] = values.swapaxes(0, 1)
+        array[first : first + strains] = old.inelastic.swapaxes(0, 1)
+        array[first + strains] = old.cumulated
+        array[first + strains + 1 : first + law.remembered] = old.memory.swapaxes(0, 1)[:further]
+    inputs[first + law.remembered] = given.dt
+    inputs[first + law.remembered + 1 :] = numbers.constants
+    changes[first + law.remembered + 1 :] = along.constants[0]
+    trial = evaluated(law.program, inputs, TRIAL)
+    solved = np.full(points, unknowns > 0)
+    if unknowns and len(trial):
+        solved = ~(trial[0] <= 0)
+    if solved.any():
+        inputs[strains:first, solved] = _unknowns(law, numbers, inputs)[:, solved]
+    outputs = np.empty((law.remembered, points, ways))
+    values = np.empty((law.remembered, points))
+    reach = np.full((points, ways), np.inf)
+    for which, after in ((solved, AFTER), (~solved, REST)):
+        if not which.any():
+            continue
+        forward = Forward(law.program, inputs[:, which], changes[:, which])
+        forward.run(TRIAL)
+        if len(trial):
+            forward.watch_sign(TRIAL)
+        if after == AFTER:
+            _solve(law, forward, inputs[strains:first, which])
+        forward.run(after)
+        some, slopes = forward.outputs(after)
+        values[:, which] = some[: law.remembered]
+        outputs[:, which] = slopes[: law.remembered]
+        reach[which] = forward.reach
+    stress = outputs[:strains].swapaxes(0, 1)
+    inelastic = along.strain - np.einsum("ij,njk->nik", numbers.compliance, stress)
+    if not law.elastic:  # C is in proportion to E
+        by_young = along.constants[0][0] / numbers.constants[0][:, None]
+        inelastic += (values[:strains].T @ numbers.compliance)[:, :, None] * by_young[:, None]
+    memory = outputs[strains + 1 :].swapaxes(0, 1)
+    return Slopes(stress, State(inelastic, outputs[strains], memory), reach)
+
+
+def _solve(law: LawProgram, forward: Forward, unknowns: np.ndarray) -> None:
+    """Set the derivatives of the unknowns, (u, n), for which the residual stays zero."""
+    size = len(unknowns)
+    strains = law.strains
+    forward.run(START)
+    forward.run(LOCAL, watch=False)
+    values, slopes = forward.outputs(LOCAL)
+    matrices = values[size:].reshape(size, size, -1).transpose(2, 0, 1)
+    try:
+        changes = -np.linalg.solve(matrices, slopes[:size].swapaxes(0, 1))
+    except np.linalg.LinAlgError:
+        changes = np.full((1, 1, 1), np.nan)
+    if not np.isfinite(changes).all():
+        raise NotSolvableError(f"the equations of {law.name} are singular at a point of the step")
+    forward.set(range(strains, strains + size), unknowns, changes.swapaxes(0, 1))
+    forward.run(LOCAL)  # for its kinks, with the derivatives of the unknowns
+
+
+def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray:
+    """Converged unknowns at all points, (u, n): the step is solved again, with them as outputs instead of its results.
+
+    Points that have nothing to solve for have numbers without a meaning.
+    """
+    strains = law.strains
+    size = len(law.kinds)
+    first = strains + size
+    points = inputs.shape[1]
+    place = int(law.code.output_starts[0, AFTER])
+    before = np.ascontiguousarray(inputs[first : first + law.remembered])
+    strain = np.ascontiguousarray(inputs[:strains])
+    dt = float(inputs[first + law.remembered, 0])
+    found = []
+    for start in range(0, size, law.remembered):
+        registers = np.arange(strains + start, strains + min(start + law.remembered, size))
+        outputs = law.code.outputs.copy()
+        outputs[place : place + law.remembered] = registers[0]
+        outputs[place : place + registers.size] = registers
+        stress = np.empty((strains, points))
+        new = np.empty_like(before)
+        rest = np.empty((0, 0, 0)), np.empty(points, dtype=np.int64)
+        code = law.code._replace(outputs=outputs)
+        solve_points(code, 0, 0, points, strain, before, dt, *numbers[::2], stress, new, *rest)
+        found.append(np.vstack([stress, new[strains:]])[: registers.size])
+    return np.vstack(found)
+
+
+def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
+    """Derivatives of a law that is code, by central differences; NotOfferedError at a kink of any point."""
+    here = law.update(given.strain, given.old, given.dt, numbers, tangent=False)
+    found = []
+    for way, length in enumerate(along.lengths.tolist()):
+        sides = []
+        for step in (-length, length):
+            constants = numbers.constants + step * along.constants[0][:, :, way]
+            there = Given(constants, *law.elasticity(float(constants[0, 0]), float(constants[1, 0])))
+            old = State(*(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True)))
+            sides.append(law.update(given.strain + step * along.strain[:, :, way], old, given.dt, there, tangent=False))
+        less, more = (side.stress for side in sides)
+        bend = np.abs(less + more - 2 * here.stress).max(axis=1, initial=0.0)
+        least = ROUND_OFF * np.abs(here.stress).max(initial=0.0)
+        kinks = bend > np.maximum(BENT * np.abs(more - less).max(axis=1, initial=0.0), least)
+        if kinks.any():
+            raise NotOfferedError(
+                f"{law.name} is code, whose derivatives are differences, and {int(kinks.sum())} of {len(kinks)} points "
+                "have a kink there, as where they begin to yield in a hold of constant load: state the law in UFL, "
+                "leave the hold out, or take differences of histories"
+            )
+        pairs = [(sides[1].stress, sides[0].stress), *zip(sides[1].state, sides[0].state, strict=True)]
+        found.append([(high - low) / (2 * length) for high, low in pairs])
+    stress, *state = (np.stack(parts, axis=-1) for parts in zip(*found, strict=True))
+    return Slopes(stress, State(*state), np.full((len(stress), len(found)), np.inf))
