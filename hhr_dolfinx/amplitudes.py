@@ -395,6 +395,13 @@ class Amplitudes:
             values.extend(weights)
         return Theta(np.array(terms), np.array(values, dtype=float))
 
+    def dense(self, point: np.ndarray) -> np.ndarray:
+        """θ at a checked point with the zeros of terms that do not act, (1 + T,)."""
+        given = self(point)
+        theta = np.zeros(self.firsts[-1])
+        theta[given.terms] = given.values
+        return theta
+
     def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
         """θ at every point, (n, 1 + T); sparse if most terms may be zero."""
         from scipy.sparse import csr_matrix
