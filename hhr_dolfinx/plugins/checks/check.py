@@ -161,23 +161,13 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             f"{closed}, {f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
-        small = [float(own.min()), _least_gap(problem, rows)]
+        small = [float(own.min()), float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min())]
         small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
         if small:
             found.note(
                 f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
                 f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces"
             )
-
-
-def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
-    """Smallest gap of some conditions in the box, from its affine part."""
-    amplitudes = problem.amplitudes
-    space = problem.parameters
-    affine = problem.gaps[rows][:, : len(amplitudes.constant)]
-    slopes = affine @ amplitudes.slopes
-    ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
-    return float((affine @ amplitudes.constant + ends).min())
 
 
 def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:

@@ -420,6 +420,17 @@ def test_a_displacement_by_a_formula_beside_a_tool_that_moves_by_a_formula():
         assert field == pytest.approx(full.solve(mu).displacement(), abs=1e-8 * np.abs(field).max())
 
 
+@pytest.mark.parametrize("radius", [1.99, "1.99 + 0 * push"])
+def test_a_tool_moves_by_a_formula_into_an_imposed_node(radius):
+    """Over the corner of a held side the tool hangs 0.01 and goes down by 0.03: 0.02 deep."""
+    scene = block_scene(
+        "corner", {"push": (0.0, 0.03)}, contacts=(hhr.Circle(TOP, (0.0, "3 - push"), radius),),
+        displacements=hhr.Displacement.clamp(LEFT, 2),
+    )  # fmt: skip
+    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.02\) at \[.*\] for {'push': 0\.03}"):
+        hhr.FullOrderModel(scene)
+
+
 def test_gaps_are_exact_along_the_normals_of_the_middle():
     """x + g n is on the obstacle at every point, and derivatives are those of differences."""
     top = block.side(2, upper=True)
