@@ -373,6 +373,10 @@ class ContactProblem:
         """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
         return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
 
+    def prolonged(self, fields: np.ndarray) -> np.ndarray:
+        """T V of local rows of fields, (own, k): dofs that follow others are set by them. Collective."""
+        return fields if self.following is None else self.following[0] @ fields
+
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)

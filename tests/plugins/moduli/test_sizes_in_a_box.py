@@ -26,7 +26,7 @@ def test_arrays_that_vanish_in_the_middle(size):
     box = space(a=(-size, size), b=(-size, size))
     settings = GridSettings(TOLERANCE, 200)
     grid, modes = grown(gaps, box, (0, 1), settings, round_off={"closed": 1e-8})
-    assert grid.surplus <= TOLERANCE and grid.evaluations < 60
+    assert grid.surplus <= TOLERANCE and grid.evaluations < settings.budget
     largest = gaps(np.array([size, size]))
     for point in box.random(20, seed=3):
         along = grid.interpolant.along_modes(point)
