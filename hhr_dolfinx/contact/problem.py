@@ -178,6 +178,7 @@ class ContactProblem:
     # local rows of each part of K before followers are eliminated, times the lifts, (own, 1 + T) each: values of
     # equations act through rows and columns that T^T K T lacks; empty without followers
     pulled: tuple[csc_matrix, ...] = ()
+    forces: csc_matrix | None = None  # F on all dofs, before followers are eliminated, (N, 1 + T); None if unknown
 
     @property
     def movable(self) -> np.ndarray:
@@ -438,6 +439,10 @@ class ContactProblem:
         if not self.pulled:
             return csc_matrix(self.own_stiffness @ self.lifts)
         return self.lifted_by(self.weights(self.middle) if self.moduli else np.ones(len(self.pulled)))
+
+    def doubled_energy(self, unknown: np.ndarray, theta: Theta) -> float:
+        """U^T K U of U = U0 + lifts θ on one rank, with U0, (N,); K of dofs that follow acts through K times lifts."""
+        return float(unknown @ (self.stiffness @ unknown) + (2 * unknown + self.lifts @ theta) @ (self.lifted @ theta))
 
     def lifted_by(self, weights: np.ndarray) -> csc_matrix:
         """The same for weights of the parts of K, (Q,), if dofs follow others."""

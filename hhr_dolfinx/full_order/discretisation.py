@@ -128,7 +128,8 @@ class Discretisation(DiscreteSpace):
         self.terms = Terms(scene.parameters, imposed=imposed, gaps=opened, loads=self.load_terms())
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = self.terms.amplitudes(limits)
-        forces = follow.forces(self.terms.columns("loads", self.size))
+        applied = self.terms.columns("loads", self.size)
+        forces = follow.forces(applied)
         lifts = follow.lifted(self.terms.columns("imposed", self.size))
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
@@ -162,6 +163,7 @@ class Discretisation(DiscreteSpace):
             group=self.group,
             followers=follow if scene.constraints else None,
             pulled=tuple(pulled) if scene.constraints else (),
+            forces=applied,
         )
 
     def _conditions(

@@ -361,11 +361,13 @@ def _digest_of(full: FullModel) -> bytes:
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
     others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
-    others += [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
+    others += (
+        [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first", "pulled"]
+    )  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     if not problem.spread.all_here:  # local rows of the large matrices, in the order of the ranks
         own = hashlib.sha256()
-        add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
+        add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first, problem.pulled])
         parts += problem.group.gathered(own.hexdigest())
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]

@@ -8,6 +8,7 @@ from needs import needs
 from scenes import block_scene, space
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 
@@ -453,3 +454,16 @@ def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, orde
     basis = model.fields.basis
     plain = hhr.FullOrderModel(replace(pressed(), **near)).problem.stiffness
     assert basis.T @ (plain @ basis) == pytest.approx(model.problem.stiffness, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("p", [0.3, 0.9])
+def test_the_energy_is_that_of_the_mesh_without_the_equation(p):
+    """J = U^T K U / 2 - F^T U, (1.10), with K and F of the same mesh, where the equation has a value."""
+    one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    full = hhr.FullOrderModel(pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), "0.02 * p"),)))
+    plain = hhr.FullOrderModel(pressed()).problem
+    field = full.solve(p).displacement()
+    known = 0.5 * field @ (plain.stiffness @ field) - (plain.external @ plain.theta(p)) @ field
+    assert energy_minimum(full.problem, field, full.problem.theta(p)) == pytest.approx(known, rel=1e-12)
+    given = full.problem.doubled_energy(field - full.problem.lifts @ full.problem.theta(p), full.problem.theta(p))
+    assert given == pytest.approx(field @ (plain.stiffness @ field), rel=1e-12)
