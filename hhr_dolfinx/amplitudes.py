@@ -450,14 +450,14 @@ class Amplitudes:
         An affine sum, a row of ``columns`` (m, 1 + T) with affine terms alone, is smallest at a corner. Others are
         evaluated at the corners and at random points.
         """
-        from hhr_dolfinx.formulas import box_samples
-
         affine = columns[:, : self.constant.size]
         slopes = affine @ self.slopes
         points = np.where(slopes > 0, space.lower, space.upper)
         values = affine @ self.constant + np.einsum("mp,mp->m", slopes, points)
         others = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
         if others.size:
+            from hhr_dolfinx.formulas import box_samples  # scenes without formulas do not load it
+
             samples = box_samples(space)
             sums = replace(self, limits=()).sum_columns(columns[others], samples)
             values[others] = sums.min(axis=1)
