@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
@@ -395,6 +395,13 @@ class Amplitudes:
             values.extend(weights)
         return Theta(np.array(terms), np.array(values, dtype=float))
 
+    def dense(self, point: np.ndarray) -> np.ndarray:
+        """θ at a checked point with the zeros of terms that do not act, (1 + T,)."""
+        given = self(point)
+        theta = np.zeros(self.firsts[-1])
+        theta[given.terms] = given.values
+        return theta
+
     def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
         """θ at every point, (n, 1 + T); sparse if most terms may be zero."""
         from scipy.sparse import csr_matrix
@@ -436,6 +443,26 @@ class Amplitudes:
             terms.extend([first + column for column in columns])
             values.append(_derivative(amplitude, point, self.space))
         return np.array(terms), np.vstack(values)
+
+    def least(self, columns: np.ndarray, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest value of each sum ``columns @ theta`` in a box, (m,), and the point where it is taken, (m, P).
+
+        An affine sum, a row of ``columns`` (m, 1 + T) with affine terms alone, is smallest at a corner. Others are
+        evaluated at the corners and at random points.
+        """
+        affine = columns[:, : self.constant.size]
+        slopes = affine @ self.slopes
+        points = np.where(slopes > 0, space.lower, space.upper)
+        values = affine @ self.constant + np.einsum("mp,mp->m", slopes, points)
+        others = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
+        if others.size:
+            from hhr_dolfinx.formulas import box_samples  # scenes without formulas do not load it
+
+            samples = box_samples(space)
+            sums = replace(self, limits=()).sum_columns(columns[others], samples)
+            values[others] = sums.min(axis=1)
+            points[others] = samples[sums.argmin(axis=1)]
+        return values, points
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
         """Names of parameters on which no amplitude depends; non-affine ones are evaluated at random points."""

@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from scipy.sparse import csc_matrix, hstack, issparse
 
-from hhr_dolfinx.amplitudes import Amplitude, Coverage, NonAffine, bound, check_amplitude, checked_count, edge_integrals
+from hhr_dolfinx.amplitudes import (
+    Amplitude,
+    Amplitudes,
+    Coverage,
+    Limits,
+    NonAffine,
+    bound,
+    check_amplitude,
+    checked_count,
+    edge_integrals,
+)
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
@@ -219,25 +229,38 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     return [Term(amplitude, _checked_columns(load, amplitude, columns, assembler)) for amplitude, columns in given]
 
 
-def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
-    """Terms with affine amplitudes, which come first in θ, and the others, each in their order."""
-    affine = [term for term in terms if isinstance(term.amplitude, Amplitude)]
-    return affine, [term for term in terms if not isinstance(term.amplitude, Amplitude)]
+class Terms:
+    """All terms of θ in their order, which is known here alone.
 
+    The constant 1 comes first, then affine amplitudes, then others; both parts follow the order of the groups, and
+    terms keep theirs within a group. A group has a name: ``imposed`` displacements, ``gaps``, or ``loads``.
+    """
 
-def first_load(scene: Any) -> int:
-    """Index in θ of the first load: 1, affine displacements, openings, affine loads, other loads and displacements."""
-    items = (*scene.displacements, *scene.constraints)
-    amplitudes = [bound(item.amplitude, scene.parameters) for item in items]
-    affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in amplitudes)
-    return 1 + affine + len(scene.openings)
+    def __init__(self, space: ParameterSpace, **groups: Sequence[Term]):
+        self._space = space
+        listed = [
+            (name, place, Term(bound(term.amplitude, space), csc_matrix(term.columns)))
+            for name, terms in groups.items()
+            for place, term in enumerate(terms)
+        ]
+        self._listed = sorted(listed, key=lambda item: not isinstance(item[2].amplitude, Amplitude))
 
+    def amplitudes(self, limits: tuple[Limits, ...] = ()) -> Amplitudes:
+        """θ as a function of the parameters."""
+        return Amplitudes.collect([term.amplitude for _, _, term in self._listed], self._space, limits)
 
-def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
-    """Concatenated columns of terms from the column ``first`` on, zero elsewhere, in the format csc."""
-    parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
-    parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))
-    return csc_matrix(hstack(parts))
+    def columns(self, group: str, rows: int, others: Sequence[csc_matrix] | None = None) -> csc_matrix:
+        """Columns of a group, each at the index of its term, zero elsewhere, in the format csc, (rows, 1 + T).
+
+        ``others`` take the place of the columns of the terms, in the order of the group.
+        """
+        parts = [csc_matrix((rows, 1))]
+        for name, place, term in self._listed:
+            if name == group:
+                parts.append(term.columns if others is None else others[place])
+            else:
+                parts.append(csc_matrix((rows, term.columns.shape[1])))
+        return csc_matrix(hstack(parts))
 
 
 def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:

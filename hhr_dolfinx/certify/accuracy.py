@@ -163,8 +163,11 @@ def relative_error(
 
     If both the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
     """
-    error = norm(approximation - reference, gram)
-    size = max(norm(reference, gram), floor)
+    return of_size(norm(approximation - reference, gram), max(norm(reference, gram), floor))
+
+
+def of_size(error: float, size: float) -> float:
+    """Error relative to a size; of size zero it is 0 for an exact answer and infinite otherwise."""
     if size == 0:
         return 0.0 if error == 0 else np.inf
     return error / size
@@ -173,12 +176,12 @@ def relative_error(
 def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: Theta) -> float:
     """Potential energy a(u, u)/2 - l(u) of thesis (1.10), in the unit of energy of the scene.
 
-    With U = U0 + lift and loads = F - K lift on free dofs, J = U^T K U / 2 - F^T U.
+    With U = U0 + lift, (N,), J = U^T K U / 2 - F^T U. F is that of all dofs, of free ones if no other is known.
     """
-    if problem.pulled:  # less the energy of the lifts alone: K of the problem does not have it
-        displacement = displacement - problem.lifts @ theta
-        return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.loads @ theta) @ displacement
-    return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.external @ theta) @ displacement
+    problem.require_parts()
+    unknown = displacement - problem.lifts @ theta
+    forces = problem.external if problem.forces is None else problem.forces
+    return 0.5 * problem.doubled_energy(unknown, theta) - float((forces @ theta) @ displacement)
 
 
 def summary(values: object) -> dict:

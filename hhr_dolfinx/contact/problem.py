@@ -181,6 +181,7 @@ class ContactProblem:
     # equations act through rows and columns that T^T K T lacks; empty without followers
     pulled: tuple[csc_matrix, ...] = ()
     shares: Shares | None = None  # of contact pairs in conditions that several state; None without such conditions
+    forces: csc_matrix | None = None  # F on all dofs, before followers are eliminated, (N, 1 + T); None if unknown
 
     @property
     def movable(self) -> np.ndarray:
@@ -382,6 +383,10 @@ class ContactProblem:
         """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
         return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
 
+    def prolonged(self, fields: np.ndarray) -> np.ndarray:
+        """T V of local rows of fields, (own, k): dofs that follow others are set by them. Collective."""
+        return fields if self.following is None else self.following[0] @ fields
+
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)
@@ -443,6 +448,10 @@ class ContactProblem:
         if not self.pulled:
             return csc_matrix(self.own_stiffness @ self.lifts)
         return self.lifted_by(self.weights(self.middle) if self.moduli else np.ones(len(self.pulled)))
+
+    def doubled_energy(self, unknown: np.ndarray, theta: Theta) -> float:
+        """U^T K U of U = U0 + lifts θ on one rank, with U0, (N,); K of dofs that follow acts through K times lifts."""
+        return float(unknown @ (self.stiffness @ unknown) + (2 * unknown + self.lifts @ theta) @ (self.lifted @ theta))
 
     def lifted_by(self, weights: np.ndarray) -> csc_matrix:
         """The same for weights of the parts of K, (Q,), if dofs follow others."""

@@ -304,8 +304,8 @@ def conditions_with_unknowns(
 ) -> np.ndarray:
     """Contact rows with a free dof; the others do not constrain unknowns and are left out.
 
-    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range, where gaps,
-    D - B lift by term, (rows, 1 + T), are affine.
+    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range. Gaps are
+    D - B lift by term, (rows, 1 + T).
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
@@ -314,19 +314,12 @@ def conditions_with_unknowns(
             f"the contact pairs are empty: all of their nodes have imposed displacements. Leave out displacements of "
             f"scene '{scene.name}' on nodes of the surfaces {tags}"
         )
-    count = amplitudes.constant.size
-    space = scene.parameters
-    imposed = np.flatnonzero(~unknown & ~gaps[:, count:].any(axis=1))
-    affine = gaps[imposed, :count]
-    start = affine @ amplitudes.constant
-    slopes = affine @ amplitudes.slopes
-    # the minimum of an affine function over the box is at a corner
-    corner = np.where(slopes > 0, space.lower, space.upper)
-    least = start + np.einsum("mp,mp->m", slopes, corner)
+    imposed = np.flatnonzero(~unknown)
+    least, points = amplitudes.least(gaps[imposed], scene.parameters)
     deep = least < -1e-9 * np.ptp(rows.points, axis=0).max(initial=np.abs(least).max(initial=0.0))
     if deep.any():
         worst = int(least.argmin())
-        mu = dict(zip(space.names, corner[worst].tolist(), strict=True))
+        mu = dict(zip(scene.parameters.names, points[worst].tolist(), strict=True))
         warn(
             f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have imposed displacements and "
             f"penetrate, most ({-least[worst]:.3g}) at {rounded(rows.points[imposed[worst]])} for {mu}: no force acts "

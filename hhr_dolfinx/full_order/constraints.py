@@ -16,13 +16,13 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags, hstack, vsta
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 
-from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
+from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.loose_equations import chosen
-from hhr_dolfinx.loads import Assembler, Term, parted, placed
+from hhr_dolfinx.loads import Assembler, Term, Terms
 from hhr_dolfinx.scene import Scene
 
 SINGULAR = 1e-10
@@ -229,10 +229,10 @@ def _check_kept(
     ``size`` is that of all right-hand sides of their constraints: a normal has components of round-off, and products of
     rows cancel.
     """
-    straight, curved = parted([*values, *(Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed)])
-    terms = [*straight, *curved]
-    amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
-    sides = placed(terms, 1, (rows.shape[0], 1 + len(terms)))
+    moved = [Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed]
+    terms = Terms(scene.parameters, sides=[*values, *moved])
+    amplitudes = terms.amplitudes()
+    sides = terms.columns("sides", rows.shape[0])
     parts = [abs(rows) @ abs(one.columns) for one in imposed]
     size = max(size, *(part.max() for part in parts if part.nnz), 0.0)
     for point in box_samples(scene.parameters, TRIED) if rows.shape[0] else ():

@@ -24,7 +24,7 @@ from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import CORNERS, build_geometry, check_outer, check_present, order_of, tagged
 from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffness_degree
 from hhr_dolfinx.group import group_of
-from hhr_dolfinx.loads import Assembler
+from hhr_dolfinx.loads import Assembler, Terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.scene import Scene
@@ -36,6 +36,8 @@ class DiscreteSpace(ABC):
     Raises:
         SceneError: for a mesh that does not fit the scene, or missing tags.
     """
+
+    terms: Terms  # of θ, set when a problem is assembled: their order is the same for all shapes
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()

@@ -34,7 +34,7 @@ from hhr_dolfinx.full_order.common_conditions import CommonConditions, Condition
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
-from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms, first_load, parted, placed
+from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
@@ -126,24 +126,16 @@ class Discretisation(DiscreteSpace):
         follow, following = self._constrained(free, imposed)
         imposed += following
         free = free & ~follow.own
-        terms = self.load_terms()
-        straight, curved = parted(imposed)
         rows, pairs, opened = self._contacts()
-        given: tuple[Any, ...] = (*straight, *scene.openings, *terms, *curved, *opened)
+        self.terms = Terms(scene.parameters, imposed=imposed, gaps=opened, loads=self.load_terms())
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
-        amplitudes = Amplitudes.collect([item.amplitude for item in given], scene.parameters, limits)
-        shape = self.size, amplitudes.firsts[-1]
-        forces = follow.forces(placed(terms, first_load(scene), shape))
-        first = shape[1] - sum(term.columns.shape[1] for term in opened)
-        lifts = placed(straight, 1, shape) + placed(curved, first - len(curved), shape)
-        lifts = follow.lifted(lifts)
+        amplitudes = self.terms.amplitudes(limits)
+        applied = self.terms.columns("loads", self.size)
+        forces = follow.forces(applied)
+        lifts = follow.lifted(self.terms.columns("imposed", self.size))
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
-        added = np.zeros((pairs.size, shape[1]))
-        for k, item in enumerate(scene.openings, start=1 + len(straight)):
-            added[pairs == item.contact, k] += 1.0
-        if opened:
-            added += placed(opened, first, added.shape).toarray()
+        added = self.terms.columns("gaps", rows.gap.size).toarray()
         rows, pairs, gaps, law, shares = self._conditions(rows, pairs, added, lifts, free, follow, amplitudes)
         pulled = [strained(term, lifts) if moduli or scene.constraints else term @ lifts for term in stiffness]
         lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
@@ -173,6 +165,7 @@ class Discretisation(DiscreteSpace):
             group=self.group,
             followers=follow if scene.constraints else None,
             pulled=tuple(pulled) if scene.constraints else (),
+            forces=applied,
         )
 
     def _conditions(
@@ -258,9 +251,8 @@ class Discretisation(DiscreteSpace):
         return found
 
     def load_terms(self) -> list[Term]:
-        """Terms of all loads on the current mesh, affine ones first, in the order of θ."""
-        terms = [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
-        return [term for part in parted(terms) for term in part]
+        """Terms of all loads on the current mesh."""
+        return [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
 
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
@@ -356,7 +348,7 @@ class Discretisation(DiscreteSpace):
         return self._contacts()[:2]
 
     def _contacts(self) -> tuple[ContactRows, np.ndarray, list[Term]]:
-        """The same, and terms that pairings add to gaps, the last ones of θ, with columns (N_lambda, k)."""
+        """The same, and terms of openings and pairings, which add to gaps, with columns (N_lambda, k)."""
         parts = []
         opened: list[tuple[int, Term]] = []
         for place, item in enumerate(self.scene.contacts):
@@ -380,7 +372,8 @@ class Discretisation(DiscreteSpace):
             )
         pairs = np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
         every = csc_matrix(identity(pairs.size))
-        terms = [replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened]
+        terms = [Term(item.amplitude, (pairs == item.contact)[:, None].astype(float)) for item in self.scene.openings]
+        terms += [replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened]
         return joined(parts), pairs, terms
 
 

@@ -108,7 +108,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Terms with a lift, which are affine and so the first of θ, and their columns; sparse ones take 5 us."""
+        """Numbers of the terms with a lift, and their columns, dense, since sparse ones take 5 us."""
         lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return lifted, self.lifts[:, lifted].toarray(order="F")
 
@@ -132,7 +132,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))
         lifted, columns = self._lifted
         if lifted.size:
-            field += columns @ self.amplitudes(answer.parameter).values[lifted]
+            field += columns @ self.amplitudes.dense(answer.parameter)[lifted]
         return field
 
     def forces(self, answer: Answer) -> np.ndarray:

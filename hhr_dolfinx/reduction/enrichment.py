@@ -57,17 +57,18 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     the root of round-off. So the chosen one is orthogonalised exactly, and left out if nothing remains of it.
 
     Raises:
-        ReductionError: if the basis moves imposed dofs, or is not orthonormal.
+        ReductionError: if the basis moves imposed dofs, breaks constraints, or is not orthonormal.
     """
-    candidates = _candidates(problem, sets)  # they vanish outside A_c
+    support, candidates = _prolonged(problem, sets.A_c, _candidates(problem, sets))  # they vanish outside
+    read = np.union1d(sets.A_c_tilde, support)
     every = problem.contact[sets.A_lambda]
-    images = every[:, sets.A_c] @ candidates
+    images = every[:, support] @ candidates
     columns = GrowingColumns(np.zeros((len(basis), 0)))  # after those of the basis, which is not copied
     rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
     tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
     squares = np.sum(candidates**2, axis=0)
-    weights = rows.at(basis, sets.A_c).T @ candidates
+    weights = rows.at(basis, support).T @ candidates
     left = np.flatnonzero(squares > 0)
     added = []
     left_out = []
@@ -84,19 +85,19 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         best = rows.first(_best(tables, images[:, left], weights[:, left], lengths, left))
         chosen = left[best]
         left = np.delete(left, best)
-        function = rows.of(np.bincount(sets.A_c, candidates[:, chosen], rows.count))
+        function = rows.of(np.bincount(support, candidates[:, chosen], rows.count))
         column = _outside((basis, columns.all), function, weights[:, chosen], rows)
         if column is None:
             left_out.append(chosen)
             continue
-        there = rows.at(column, sets.A_c_tilde)
-        tables = [table.grown(there[np.searchsorted(sets.A_c_tilde, table.part)], chosen) for table in tables]
+        there = rows.at(column, read)
+        tables = [table.grown(there[np.searchsorted(read, table.part)], chosen) for table in tables]
         kappa = rows.first(_kappa(tables))
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
         columns.append(column)
-        weights = np.vstack([weights, there[np.searchsorted(sets.A_c_tilde, sets.A_c)] @ candidates])
+        weights = np.vstack([weights, there[np.searchsorted(read, support)] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
     basis = np.column_stack([basis, columns.all]) if added else basis
@@ -106,12 +107,21 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 
 
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
-    """Raise ReductionError for local rows of a basis, (own, ell), that moves imposed dofs or is not orthonormal."""
+    """Raise ReductionError for a basis that moves imposed dofs, breaks constraints, or is not orthonormal.
+
+    Each process has local rows of it, (own, ell). With dofs that follow others V must be T V: the equations, the
+    residual of laws and the displacement of an answer read different dofs of it.
+    """
     rows = problem.spread
     imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.movable))[1]
     if imposed > ORTHONORMAL:
         raise ReductionError(
             f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
+        )
+    broken = rows.largest(np.abs(basis - problem.prolonged(basis)).max(axis=1, initial=0.0))[1]
+    if broken > ORTHONORMAL:
+        raise ReductionError(
+            f"{whose} breaks constraints by {broken:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
         )
     skew = float(np.abs(rows.sum(basis.T @ basis) - np.eye(basis.shape[1])).max())
     if skew > ORTHONORMAL:
@@ -154,6 +164,15 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
         log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {why}")
     elif not len(enrichment.added):
         log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {kappa_max:g} and (1.67) holds")
+
+
+def _prolonged(problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c), from (card dofs, c)."""
+    if problem.followers is None:
+        return dofs, functions
+    whole = csr_matrix(problem.followers.everywhere[:, dofs] @ csr_matrix(functions))
+    support = np.union1d(dofs, np.flatnonzero(np.diff(whole.indptr)))
+    return support, normalised(whole[support].toarray().T).T
 
 
 def _candidates(problem, sets):

@@ -26,7 +26,7 @@ from hhr_dolfinx.group import ALONE, Group
 from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.enrichment import check_basis
+from hhr_dolfinx.reduction.enrichment import ORTHONORMAL, check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -384,6 +384,14 @@ def _plain(value: object) -> Any:
     return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))
 
 
+def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
+    """T V of a basis, (own, ell), orthonormal again if a user-defined step does not know of the constraints."""
+    rows = problem.spread
+    kept = problem.prolonged(basis)
+    moved = rows.largest(np.abs(kept - basis).max(axis=1, initial=0.0))[1]
+    return rows.orthonormal(kept)[0] if moved > ORTHONORMAL else kept
+
+
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """Basis of a step, which may be user-defined, in the form of the equations; the kernel of K comes first."""
     rows = problem.spread
@@ -399,6 +407,7 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
         )
     if not rows.alike(basis.shape[1]):
         raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
+    basis = _prolonged(problem, basis)
     check_basis(problem, basis, f"the basis of {step!r}")
     if kernel is not None:
         basis = kernel.first(rows, basis)

@@ -10,7 +10,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, fields, is_dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,15 @@ def bytes_of(array: np.ndarray) -> bytes:
 def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
     """Arrays of a sparse matrix, or a value as an array."""
     return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
+
+
+def parts_of(item: Any) -> list[Any]:
+    """Arrays, numbers and texts of a value: the fields of a dataclass, those of fields too; none of None."""
+    if item is None:
+        return []
+    if is_dataclass(item):
+        return [part for one in fields(item) for part in parts_of(getattr(item, one.name))]
+    return [item]
 
 
 FORMAT = "hhr_dolfinx snapshot"
@@ -366,16 +375,14 @@ def _digest_of(full: FullModel) -> bytes:
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped kernel whole_contact law group followers".split()
+    others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
     local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first", "pulled"]
-    parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in (*others, *local)]
+    kept = (item.name for item in fields(problem) if item.name not in (*others, *local))
+    parts = [part for name in kept for part in parts_of(getattr(problem, name))]
     if local:  # rows of the large matrices, in the order of the ranks
         rows = hashlib.sha256()
         add_to(rows, [getattr(problem, name) for name in local])
         parts += problem.group.gathered(rows.hexdigest())
-    if problem.followers is not None:
-        given = (getattr(problem.followers, item.name) for item in fields(problem.followers))
-        parts += [part for part in given if part is not None]
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]

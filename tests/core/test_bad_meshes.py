@@ -280,6 +280,18 @@ def test_imposed_nodes_that_penetrate():
     hhr.FullOrderModel(dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),)))
 
 
+@pytest.mark.parametrize("text", ["-push", "-10 * push**2", "-0.1 * sin(15.7 * push)"])
+def test_imposed_nodes_that_penetrate_by_a_formula(text):
+    """The node is pushed down by the formula, 0.1 at the most, and hangs 0.01 above the floor."""
+    scene = pressed_block("plane_strain")
+    fixed, top = scene.displacements
+    moved = [hhr.Displacement(tag, 1, text) for tag in (top.tag, LEFT)]
+    pushed = dataclasses.replace(scene, displacements=(fixed, *moved))
+    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"):
+        hhr.FullOrderModel(pushed)
+    hhr.FullOrderModel(dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),)))
+
+
 def test_parameters_without_effect():
     box, zero = space(push=(0.0, 0.1), idle=(0.0, 0.1), zero=(0.0, 0.1)), hhr.Amplitude(1.0, {"zero": 0.0})
     with pytest.warns(

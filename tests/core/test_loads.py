@@ -227,3 +227,55 @@ def test_partial_pressures_are_integrated_exactly(order, height):
         ahead, behind = (problem.external @ amplitudes(point + way * step) for way in (1, -1))
         found = problem.external[:, acting] @ slopes[:, 1]
         np.testing.assert_allclose(found, (ahead - behind) / 2e-6, atol=1e-8)
+
+
+PARTIAL = {"push": (0.0, 0.004), "h": (0.3, 1.8), "q": (0.5, 2.0)}
+
+
+def partly_pressed(cells, curved):
+    """A block on a floor under a pressure up to ``h``, whose left side moves by a formula, with more formulas."""
+    left, right = block.side(0, False), block.side(0, True)
+    return block_scene(
+        "partly_pressed", PARTIAL, upper=(2.0, 1.0), cells=(cells, 4), young=100.0,
+        contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), 1e-3),),
+        displacements=(hhr.Displacement(left, 0, "-200 * push**2"), hhr.Displacement(left, 1)),
+        loads=(
+            hhr.PartialPressure(block.side(1, True), slope("q", 0.5), "h", axis=0),
+            *(hhr.Traction(right, (0.0, -1.0), f"0.002 * q**{k + 2}") for k in range(curved)),
+        ),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("cells", "curved"), [(8, 0), (2, 5)])
+def test_a_displacement_by_a_formula_beside_a_partial_pressure(cells, curved):
+    """On the imposed side the displacement is the formula itself, in the full order and hyper-reduced."""
+    scene = partly_pressed(cells, curved)
+    training = hhr.train(scene, hhr.Sobol(16))
+    full = training.full_order
+    side = 2 * np.flatnonzero(np.isclose(full.problem.points[:, 0], 0.0))
+    for model in (full, hhr.condense(scene, fields=True), training.build(hhr.Recipe().as_it_is())):
+        for mu in scene.parameters.random(3, seed=2):
+            field = model.solve(mu).displacement()
+            assert field[side] == pytest.approx(np.full(side.size, -200.0 * mu[0] ** 2), rel=1e-12)
+            assert field == pytest.approx(full.solve(mu).displacement(), abs=1e-9 * np.abs(field).max())
+
+
+@dataclasses.dataclass(frozen=True)
+class Lowered(hhr.Obstacle):
+    """A floor that goes down by ``down``, an affine term of its gaps."""
+
+    def gap_terms(self, surfaces, rows):
+        """One column."""
+        return [hhr.Term(slope("down"), np.ones((rows.gap.size, 1)))]
+
+
+def test_affine_terms_of_gaps_are_counted_with_the_affine_ones():
+    """Blown down by a non-affine load, the column presses with 0.05 speed^2 - E (GAP + down) / HEIGHT per area."""
+    scene = windy_column()
+    floor = scene.contacts[0]
+    lowered = Lowered(floor.surface, floor.normal, floor.offset)
+    scene = dataclasses.replace(scene, contacts=(lowered,), parameters=space(speed=(0.0, 2.0), down=(0.0, 0.05)))
+    full = hhr.FullOrderModel(scene)
+    for mu in ((1.5, 0.0), (1.9, 0.03), (0.5, 0.04)):
+        pressure = max(0.05 * mu[0] ** 2 - YOUNG * (GAP + mu[1]) / HEIGHT, 0.0)
+        assert full.solve(mu).forces().sum() == pytest.approx(WIDTH * pressure, rel=1e-10, abs=1e-14)

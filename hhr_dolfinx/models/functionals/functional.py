@@ -212,9 +212,7 @@ def outputs_of(answer: Any) -> Outputs:
     point = answer.parameter
     amplitudes = whole.amplitudes
     functionals: Functionals = whole.at(point)
-    given = amplitudes(point)
-    theta = np.zeros(amplitudes.firsts[-1])
-    theta[given.terms] = given.values
+    theta = amplitudes.dense(point)
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
     measured = _NOTHING
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from itertools import chain
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
-from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
+from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
-from hhr_dolfinx.loads import Load, checked_terms, parted, placed
+from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, SceneCheck
@@ -162,23 +161,13 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             f"{closed}, {f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
-        small = [float(own.min()), _least_gap(problem, rows)]
+        small = [float(own.min()), float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min())]
         small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
         if small:
             found.note(
                 f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
                 f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces"
             )
-
-
-def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
-    """Smallest gap of some conditions in the box, from its affine part."""
-    amplitudes = problem.amplitudes
-    space = problem.parameters
-    affine = problem.gaps[rows][:, : len(amplitudes.constant)]
-    slopes = affine @ amplitudes.slopes
-    ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
-    return float((affine @ amplitudes.constant + ends).min())
 
 
 def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
@@ -235,15 +224,15 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     """Report the resultant of a load for the amplitude 1, or a load without effect."""
     discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
-    terms = list(chain(*parted(checked_terms(load, discretisation.assembler(load)))))
+    terms = checked_terms(load, discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', getattr(load, 'place', 'the scene'))!r}"
     columns = [csc_matrix(term.columns) for term in terms]
     if not any(part.nnz for part in columns):
         found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
         return
     amplitudes = [term.amplitude for term in terms]
-    theta = Amplitudes.collect(amplitudes, found.scene.parameters)
-    forces = placed(terms, 1, (discretisation.size, theta.firsts[-1])) @ theta(point)
+    listed = Terms(found.scene.parameters, loads=terms)
+    forces = listed.columns("loads", discretisation.size) @ listed.amplitudes()(point)
     found.forces.append((name, forces.reshape(-1, dim)))
     still = all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes)
     if still and hasattr(load, "stiffness"):

@@ -86,21 +86,23 @@ def exact_arrays(
         along = np.linalg.qr(contact_of_motions)[0]
         least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
     rows = problem.spread
-    lifts = rows.of(problem.lifts.tocsr()).toarray()
-    given = full.per_load + lifts
-    gram = rows.sum(given.T @ (problem.stiffness_of_rows @ given))
-    pulled = problem.stiffness_of_rows @ lifts
-    lifting = energies(problem, lifts)
-    if problem.pulled:  # K without followers lacks what values of equations strain
-        pulled = problem.drawn.toarray()
-        mixed = full.per_load.T @ pulled
-        own = lifts.T @ problem.lifted
-        gram = full.per_load.T @ (problem.stiffness_of_rows @ full.per_load) + mixed + mixed.T + own
-        lifting = np.sqrt(np.maximum(np.diag(own), 0.0))
+    # K times lifts, whose energy K without the dofs that follow others lacks
+    pulled = problem.drawn.toarray()
+    gram, mixed, own = rows.sum(
+        np.stack(
+            [
+                full.per_load.T @ (problem.stiffness_of_rows @ full.per_load),
+                full.per_load.T @ pulled,
+                rows.of(problem.lifts.tocsr()).T @ problem.lifted.toarray(),
+            ]
+        )
+    )
+    gram = gram + mixed + mixed.T + own
+    lifting = np.sqrt(np.maximum(np.diag(own), 0.0))
     values, ways = linalg.eigh(gram)
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
     cross = problem.contact_rows_times(full.per_load)
-    lifted = np.flatnonzero(rows.sum(np.abs(lifts).sum(axis=0)))
+    lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     cross[:, lifted] += problem.contact_rows_times(full.stiffness.columns(csc_matrix(pulled[:, lifted])))
     return factor_of(definite(schur, contact_of_motions)), {
         "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),

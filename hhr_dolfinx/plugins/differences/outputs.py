@@ -59,9 +59,7 @@ class OutputDifference:
         ``fields`` are its :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`, ``forces`` the returned ones, (m,).
         """
         functionals: Functionals = fields.functionals
-        given = fields.amplitudes(answer.parameter)
-        theta = np.zeros(self.free.shape[1])
-        theta[given.terms] = given.values
+        theta = fields.amplitudes.dense(answer.parameter)
         own = fields.measured(answer, theta)
         free = self.free @ theta
         nearer = free - self.pressed @ exact

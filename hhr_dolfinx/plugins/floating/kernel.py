@@ -45,10 +45,7 @@ def undetermined_outputs(answer: Any) -> set[str]:
     if fields.functionals is None:
         return set()
     functionals = fields.functionals.at(answer.parameter)
-    amplitudes = fields.functionals.amplitudes
-    given = amplitudes(answer.parameter)
-    theta = np.zeros(amplitudes.firsts[-1])
-    theta[given.terms] = given.values
+    theta = fields.functionals.amplitudes.dense(answer.parameter)
     before = fields.measured(answer, theta)
     found: set[str] = set()
     for motion in answer.undetermined.T:

@@ -176,6 +176,7 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         free=free,
         loads=masked(problem.loads[dofs], free),
         lifts=csc_matrix(problem.lifts[dofs]),
+        forces=None if problem.forces is None else csc_matrix(problem.forces[dofs]),
         contact=csr_matrix(masked(rows.T, free).T),
         gaps=np.asfortranarray(problem.gaps[sets.A_lambda]),
         contact_slaves=number[problem.contact_slaves[sets.A_lambda]],

@@ -191,7 +191,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
-        theta = self._dense(answer.parameter)
+        theta = self.amplitudes.dense(answer.parameter)
         plastic = gauss_of(answer).state.inelastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
 
@@ -241,20 +241,13 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
         assert answer.gradient is not None
         per_mode, given, per_force, forced = self._measures
-        theta = self._dense(answer.parameter)
+        theta = self.amplitudes.dense(answer.parameter)
         compliances = self.factors.compliances(answer.parameter)
         forces = answer.gradient.multipliers
         elastic = forced @ theta - per_force @ answer.multipliers
         found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
         found = found + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
         return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
-
-    def _dense(self, point: np.ndarray) -> np.ndarray:
-        """θ as an array, (1 + T,)."""
-        given = self.amplitudes(point)
-        theta = np.zeros(self.forced.shape[1])
-        theta[given.terms] = given.values
-        return theta
 
 
 SAME = 1e-9

@@ -138,7 +138,7 @@ class FullEquilibrium(MeshEquilibrium):
         self._transposed = problem.contact.T.tocsr()
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
-            self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
+            self.eigenstrains = at_gauss_points(gauss.discretisation, self.operator)
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None

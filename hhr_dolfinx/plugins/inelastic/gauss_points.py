@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.amplitudes import Amplitude
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import kelvin
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
-from hhr_dolfinx.loads import checked_terms, first_load
+from hhr_dolfinx.loads import checked_terms
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box, parameters_of
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
@@ -87,22 +85,18 @@ def stiffness_parts(
     return tuple(parts), tuple(moduli)
 
 
-def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
+def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> csc_matrix:
     """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
 
     SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components
-    first = first_load(discretisation.scene)
-    terms = problem.amplitudes.firsts[-1]
-    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
-    # in the order of Discretisation.load_terms
-    pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
-    widths = [term.columns.shape[1] for _, term in pairs]
-    blocks = [csc_matrix((points, first))]
+    blocks = []
     seen = []
-    for (load, term), width in zip(pairs, widths, strict=True):
+    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
+    for load, term in pairs:
+        width = term.columns.shape[1]
         if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
             seen.append(load)
             blocks.append(csc_matrix(_tabulated(discretisation, load, operator)[:, None]))
@@ -114,8 +108,7 @@ def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, oper
             f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
             "one term that its assembler's eigenstress gives"
         )
-    blocks.append(csc_matrix((points, terms - sum(widths) - first)))
-    return csc_matrix(hstack(blocks))
+    return discretisation.terms.columns("loads", points, blocks)
 
 
 def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:

@@ -118,7 +118,8 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     here = history.answers[-1]
     there = exact.answers[-1]
     found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
-    errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
+    theta = full.problem.amplitudes(there.parameter)
+    errors = answer_errors(full.problem, found, known, theta, floor, conditions_inside(model))
     stress = there.stress()
     flowed = there.plastic_strain()
     if isinstance(model, ReducedModel) and isinstance(model.flow, ReducedFlow) and "gauss" in here.memory:

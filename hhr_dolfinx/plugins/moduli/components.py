@@ -15,7 +15,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown, round_off_of_gaps
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
 from hhr_dolfinx.snapshots.store import ArrayStore
@@ -285,7 +285,10 @@ def interpolated_compliances(
     reshaped = None
     if problem.reshaped is not None:
         shapes = problem.reshaped.axes
-        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings)
+        closed = {"gaps": round_off_of_gaps(problem)}
+        grid, _ = grown(
+            lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings, round_off=closed
+        )
         grids.append(grid)
         reshaped = grid.interpolant
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others

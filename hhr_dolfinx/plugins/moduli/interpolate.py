@@ -15,12 +15,24 @@ from functools import cached_property
 
 import numpy as np
 
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid, Interpolant, grow, nodes_of, unstacked, values_between
+from hhr_dolfinx.plugins.moduli.interpolation import (
+    GrownGrid,
+    Interpolant,
+    grow,
+    nodes_of,
+    probes_of,
+    unstacked,
+    values_between,
+)
 from hhr_dolfinx.plugins.moduli.known_forces import many_weights
+
+CLOSED = 1e-8
+"""Gap over the size of a mesh up to which nothing is interpolated: 1e-16 is round-off, and tolerances reach 1e-7."""
 
 
 @dataclass(frozen=True)
@@ -83,28 +95,29 @@ def grown(
     axes: Sequence[int] | np.ndarray,
     settings: GridSettings,
     part: Part | None = None,
+    round_off: Mapping[str, float] | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points. Returns
-    the grid and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of the
-    modes of a part, which may be large.
+    ``round_off`` has norms of arrays, by name, below which nothing but round-off may be left of them. If the arrays
+    are the compliance of a ``part``, its formulas are compared with the grid at thousands of points. Returns the grid
+    and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of the modes of a
+    part, which may be large.
     """
     axes = np.asarray(axes, dtype=np.int64)
     if not axes.size:
         return _alone(solved, space, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
-    shapes: dict[str, tuple[int, ...]] = {}
-    sizes: dict[str, float] = {}
+    known = {point.tobytes(): solved(point) for point in typical(space, axes)}  # the growth evaluates them too
+    shapes = {name: np.shape(part) for name, part in next(iter(known.values())).items()}
+    sizes = {name: size_in_box([found[name] for found in known.values()]) for name in shapes}
+    sizes |= {name: max(sizes[name], size) for name, size in (round_off or {}).items()}
 
     def joined(values: np.ndarray) -> np.ndarray:
-        """Concatenate all arrays, relative to their sizes at the first point: else a large one would dominate."""
-        point = (lower + upper) / 2
+        """Concatenate all arrays, relative to their sizes: else a large one would dominate."""
+        point = space.middle
         point[axes] = values
-        found = solved(point)
-        for name, part in found.items():
-            shapes[name] = np.shape(part)
-            sizes.setdefault(name, float(np.linalg.norm(part)) or 1.0)
+        found = known.pop(point.tobytes(), None) or solved(point)
         return np.concatenate([np.ravel(part) / sizes[name] for name, part in found.items()])
 
     def scale(values: np.ndarray) -> float:
@@ -116,12 +129,33 @@ def grown(
     formulas = None if part is None else FormulaGrid(part, space).error
     kept = settings.compressed
     grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
+    grid = replace(grid, evaluations=grid.evaluations + len(known))
     modes = grid.interpolant.modes
     modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[:, None]
     parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
     if part is not None:
         grid = replace(grid, interpolant=replace(grid.interpolant, modes=np.zeros((0, modes.shape[1]))))
     return grid, parts
+
+
+def round_off_of_gaps(problem: ContactProblem) -> float:
+    """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush in every shape."""
+    return CLOSED * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
+
+
+def typical(space: ParameterSpace, axes: np.ndarray) -> np.ndarray:
+    """The middle of a box and random points along some axes of it, (n, P)."""
+    return points_of(space, axes, np.vstack([np.zeros(axes.size), probes_of(axes.size)]))
+
+
+def size_in_box(values: Sequence[np.ndarray | float]) -> float:
+    """Size of an array in a box from its values at :func:`typical` points; 1 if it is zero.
+
+    In the middle it may vanish to round-off, as gaps of a shape that varies about a fit do. The smaller norm of the
+    random points stands for the box: the largest may be that of a corner where a body is soft.
+    """
+    middle, *others = (float(np.linalg.norm(value)) for value in values)
+    return max(middle, min(others)) or 1.0
 
 
 def _alone(

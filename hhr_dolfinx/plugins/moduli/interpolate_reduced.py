@@ -18,7 +18,15 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolate import (
+    GridSettings,
+    Part,
+    compliance_of,
+    grown,
+    round_off_of_gaps,
+    size_in_box,
+    typical,
+)
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
 from hhr_dolfinx.reduction.build import Draft
@@ -90,7 +98,7 @@ def interpolated_problem(
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         reduced, terms = terms_of(reshaped(point))
-        # parts are scaled by their size in the middle: else the error of a large one would dominate
+        # parts are scaled by their size: else the error of a large one would dominate
         return {
             "stiffness": sizes[:, None, None] * terms.stiffness,
             "lifts": sizes[:, None, None] * terms.lifts,
@@ -101,8 +109,12 @@ def interpolated_problem(
         }
 
     base, terms = terms_of(problem)
-    sizes = np.array([modulus.value(problem.middle) for modulus in terms.moduli])
-    grid, modes = grown(solved, problem.parameters, reshaped.axes, settings)
+    space = problem.parameters
+    points = typical(space, np.arange(len(space.names)))
+    # Lamé's first constant is zero in the middle of a box about Poisson's ratio 0
+    sizes = np.array([size_in_box([modulus.value(point) for point in points]) for modulus in terms.moduli])
+    closed = {"gaps": round_off_of_gaps(problem)}
+    grid, modes = grown(solved, problem.parameters, reshaped.axes, settings, round_off=closed)
     shapes = tuple(part.shape[:-1] for part in modes.values())
     return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
 

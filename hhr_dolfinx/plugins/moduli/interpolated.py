@@ -266,10 +266,7 @@ class Compliances(Elimination):
 
     def theta(self, point: np.ndarray) -> np.ndarray:
         """θ at a point, (1 + T,)."""
-        theta = self.amplitudes(point)
-        found = np.zeros(self.gaps.shape[1])
-        found[theta.terms] = theta.values
-        return found
+        return self.amplitudes.dense(point)
 
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and its parts at a point, (P,)."""

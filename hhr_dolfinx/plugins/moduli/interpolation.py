@@ -152,6 +152,11 @@ def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.
     return [part.reshape((*shape, *values.shape[1:])) for part, shape in zip(parts, shapes, strict=False)]
 
 
+def probes_of(dimension: int) -> np.ndarray:
+    """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is zero."""
+    return np.random.default_rng(0).uniform(-1, 1, (PROBES, dimension))
+
+
 @dataclass(frozen=True)
 class GrownGrid:
     """Result of the growth of a sparse grid."""
@@ -266,8 +271,7 @@ class _Growing:
     def off(self) -> float:
         """Largest error at random places: a term that vanishes at its node hides its successors."""
         if not self.probes and len(self.lower):
-            places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self.lower)))
-            self.probes = [(place, self._at(place)) for place in places]
+            self.probes = [(place, self._at(place)) for place in probes_of(len(self.lower))]
         return max((self.scale(self._left(value, place)) for place, value in self.probes), default=0.0)
 
     def _try(self, levels: tuple[int, ...]) -> None:

@@ -29,7 +29,7 @@ class InterpolatedProblem:
 
     pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (m,)
     moduli: tuple[Modulus, ...]  # of the parts of its stiffness
-    sizes: Annotated[Floats, "parts"]  # these moduli in the middle of the box, by which the parts are multiplied, (Q,)
+    sizes: Annotated[Floats, "parts"]  # of these moduli in the box, by which the parts are multiplied, (Q,)
     interpolant: Interpolant  # of the concatenated arrays, in the order of ``shapes``
     shapes: tuple[tuple[int, ...], ...]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
 

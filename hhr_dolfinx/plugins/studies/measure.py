@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.certify.accuracy import (
     Residuals,
     contact_residuals,
     energy_minimum,
     force_floor,
     norm,
+    of_size,
     relative_error,
     summary,
 )
@@ -100,16 +102,17 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def answer_errors(
-    problem: ContactProblem, answer: Pair, exact: Pair, floor: float, inside: np.ndarray | None = None
+    problem: ContactProblem, answer: Pair, exact: Pair, theta: Theta, floor: float, inside: np.ndarray | None = None
 ) -> dict[str, float]:
-    """Relative errors of displacement and forces against exact ones.
+    """Relative errors of displacement and forces against exact ones, with θ of their point.
 
     ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near grazing contact.
     ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions ``inside`` the RID.
     """
+    size = max(problem.doubled_energy(exact[0] - problem.lifts @ theta, theta), 0.0) ** 0.5
     errors = {
         "primal_l2": relative_error(answer[0], exact[0], problem.mass),
-        "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
+        "primal_energy": of_size(norm(answer[0] - exact[0], problem.stiffness), size),
         "primal_euclid": relative_error(answer[0], exact[0]),
     }
     parts: Report = {} if inside is None else {"dual_rid": inside}
@@ -165,13 +168,7 @@ class References:
             there = problem.at(point)
             energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
             # each local model has a different RID
-            row = answer_errors(there, answer, exact, self.floor, conditions_inside(found.fields))
-            if there.pulled:  # K without followers lacks what values of equations strain: |u|^2 by its three parts
-                lift = there.lifted @ theta
-                size = homogeneous @ (there.stiffness @ homogeneous) + (2 * homogeneous + there.lifts @ theta) @ lift
-                row["primal_energy"] = (
-                    norm(answer[0] - exact[0], there.stiffness) / np.sqrt(size) if size > 0 else np.inf
-                )
+            row = answer_errors(there, answer, exact, theta, self.floor, conditions_inside(found.fields))
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             residuals.append(asdict(contact_residuals(there, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())

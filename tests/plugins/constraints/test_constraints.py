@@ -1,6 +1,6 @@
 """Displacements that follow others: ties, couplings, equations and periodic surfaces, in all kinds of models."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from needs import needs
 from scenes import block_scene, space
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 
@@ -404,3 +405,65 @@ def test_a_cell_that_repeats_in_both_directions():
         corner = cell[np.linalg.norm(free.points, axis=1).argmin()]
         assert np.delete(sums, corner, axis=0) == pytest.approx(0.0, abs=1e-12)
         assert sums[corner] == pytest.approx([-0.5, -0.2])
+
+
+@dataclass(frozen=True)
+class Unconstrained:
+    """A user-defined basis that does not know of constraints: modes and a few other fields of free dofs."""
+
+    pod: hhr.Pod
+
+    def modes(self, problem, snapshots):
+        """Columns of the POD and random ones."""
+        modes = self.pod.modes(problem, snapshots)
+        others = np.random.default_rng(0).normal(size=(len(modes), 3)) * problem.movable[:, None]
+        return np.linalg.qr(np.hstack([modes, others]))[0]
+
+
+COARSE = hhr.Recipe(hhr.Pod(1e-4), enrichment=hhr.Enrich(1.5), bound=False).as_it_is()
+
+
+@pytest.mark.parametrize(
+    ("constraint", "recipe", "order"),
+    [
+        pytest.param("equation", COARSE, None, id="enrichment"),
+        pytest.param("equation", replace(COARSE, basis=Unconstrained(hhr.Pod(1e-4))), None, id="own basis"),
+        pytest.param("serendipity", COARSE, 2, marks=needs("second_order"), id="serendipity"),
+    ],
+)
+def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, order):
+    """Answers keep the equations, and K~ is V^T K V with K of the same mesh without them.
+
+    A node inside moves half as far as one of the contact surface, or middles of sides as the mean of their ends.
+    """
+    inner, corner = hhr.Nodes.near((0.5, 0.5)), hhr.Nodes.near((1.0, 0.5))
+    lever = hhr.Equation(((inner, 0, 1.0), (corner, 0, -0.5)))
+    constraints = (lever,) if constraint == "equation" else (hhr.Serendipity(),)
+    near = {"contacts": (hhr.Obstacle(RIGHT, (1, 0), 1.0005),), "order": order}
+    scene = replace(pressed(constraints), **near)
+    training = hhr.train(scene, hhr.Sobol(8), held_out=2)
+    model = training.build(replace(recipe, nodes=(hhr.Zone(lambda problem: np.arange(len(problem.points))),)))
+    follow = training.full_order.problem.followers
+    assert follow.own.any()
+    field = model.solve(0.93).displacement()
+    assert np.abs(follow.broken(field[:, None])).max() < 1e-12 * np.abs(field).max()
+    if constraint == "equation":
+        points = training.full_order.problem.points
+        x = [2 * int(np.linalg.norm(points - place, axis=1).argmin()) for place in ((0.5, 0.5), (1.0, 0.5))]
+        assert field[x[0]] == pytest.approx(0.5 * field[x[1]], rel=1e-10)
+    basis = model.fields.basis
+    plain = hhr.FullOrderModel(replace(pressed(), **near)).problem.stiffness
+    assert basis.T @ (plain @ basis) == pytest.approx(model.problem.stiffness, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("p", [0.3, 0.9])
+def test_the_energy_is_that_of_the_mesh_without_the_equation(p):
+    """J = U^T K U / 2 - F^T U, (1.10), with K and F of the same mesh, where the equation has a value."""
+    one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    full = hhr.FullOrderModel(pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), "0.02 * p"),)))
+    plain = hhr.FullOrderModel(pressed()).problem
+    field = full.solve(p).displacement()
+    known = 0.5 * field @ (plain.stiffness @ field) - (plain.external @ plain.theta(p)) @ field
+    assert energy_minimum(full.problem, field, full.problem.theta(p)) == pytest.approx(known, rel=1e-12)
+    given = full.problem.doubled_energy(field - full.problem.lifts @ full.problem.theta(p), full.problem.theta(p))
+    assert given == pytest.approx(field @ (plain.stiffness @ field), rel=1e-12)

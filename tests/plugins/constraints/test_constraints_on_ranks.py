@@ -120,3 +120,55 @@ def test_ranks_do_not_change_constrained_answers(found, ranks):
         assert np.ravel(parallel[name]) == pytest.approx(np.ravel(value), rel=near, abs=near * size), name
     assert all(max(value) > 0 for name, value in serial.items() if name.endswith("forces"))
     assert not present("inelastic") or min(serial["laws, flowed elastic"], serial["laws, flowed tangent"]) > 1e-3
+
+
+ENERGIES = """
+import json, sys
+sys.path[:0] = {folders!r}
+import numpy as np
+import hhr_dolfinx as hhr
+from dataclasses import replace
+from mpi4py import MPI
+from scenes import space
+from test_constraints import RIGHT, TOP, pressed
+
+comm = MPI.COMM_WORLD
+ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
+out, fallen = [], []
+for value in (0.0, "0.002 * p"):
+    scene = pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -2.0)), value),), cells=(8, 8))
+    box = space(p=(0.1, 1.0), q=(-0.1, 0.1))
+    scene = replace(scene, contacts=(hhr.Obstacle(RIGHT, (1, 0), 1.0005),), parameters=box,
+                    loads=(hhr.Pressure(TOP, "p"), hhr.Pressure(RIGHT, "q")))
+    training = hhr.train(scene, hhr.Sobol(8), held_out=2, together=True)
+    model = training.build(hhr.Recipe.thesis(1e-3).as_it_is(), checked=False)
+    full = training.full_order
+    plain = hhr.FullOrderModel(replace(scene, constraints=())).gathered().problem.stiffness
+    size = lambda field: float(np.sqrt(field @ (plain @ field)))
+    for mu in ([0.2, 0.05], [0.9, -0.05]):
+        answer, exact = model.solve(mu), full.solve(mu).displacement()
+        off, estimate = size(answer.displacement() - exact), answer.estimate()
+        out.append([estimate.primal / off, estimate.primal_relative * size(exact) / off])
+    # every rank falls back at the same points, and no rank waits for another
+    cheap = hhr.FallbackModel(model, full, 0.06, of="displacement")
+    for mu in ([0.2, 0.05], [0.9, -0.05], [0.6, 0.09]):
+        cheap.solve(mu)
+    fallen.append([cheap.asked, cheap.fallen])
+    for again in (0, 1):
+        store = hhr.SnapshotStore({folder!r}, full)
+        hhr.compute_snapshots(full, np.array([[0.4, 0.01]]), store=store)
+        assert store.found == again, "the store knows an answer by a fingerprint that is that of all ranks"
+every = comm.allgather((out, fallen))
+assert all(one == every[0] for one in every), every
+if comm.rank == 0:
+    print(json.dumps([out, fallen]))
+"""
+
+
+@needs("differences", "fallback", "ranks")
+def test_energies_are_those_of_all_ranks(tmp_path):
+    """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and none waits."""
+    program = ENERGIES.format(folders=[*SCENE_FOLDERS, HERE], folder=str(tmp_path))
+    ratios, fallen = json.loads(launch(2, ["-c", program]).splitlines()[-1])
+    assert np.array(ratios) == pytest.approx(1.0, abs=0.1)
+    assert all(asked > 0 for asked, _ in fallen)

@@ -402,6 +402,35 @@ def test_terms_of_gaps_stand_beside_all_others():
             assert model.solve(point).forces() == pytest.approx(forces, abs=1e-6 * forces.max())
 
 
+def test_a_displacement_by_a_formula_beside_a_tool_that_moves_by_a_formula():
+    """On the imposed foot the displacement is the formula itself, also hyper-reduced under a partial pressure."""
+    foot = (hhr.Displacement(BOTTOM, 0), hhr.Displacement(BOTTOM, 1, "-2e-3 * p**2"))
+    tool = hhr.Circle(TOP, (0.5, "2 - push"), "1 - 0.01 * p")
+    scene = block_scene(
+        "tool", {"push": (0.01, 0.03), "p": (0.2, 1.0)}, cells=(6, 4), contacts=(tool,), displacements=foot,
+        loads=(hhr.PartialPressure(RIGHT, hhr.Amplitude(0.01), "p"),),
+    )  # fmt: skip
+    training = hhr.train(scene, hhr.Sobol(16))
+    full = training.full_order
+    low = 2 * np.flatnonzero(np.isclose(full.problem.points[:, 1], 0.0)) + 1
+    model = training.build(hhr.Recipe().as_it_is())
+    for mu in scene.parameters.random(3, seed=1):
+        field = model.solve(mu).displacement()
+        assert field[low] == pytest.approx(np.full(low.size, -2e-3 * mu[1] ** 2), rel=1e-12)
+        assert field == pytest.approx(full.solve(mu).displacement(), abs=1e-8 * np.abs(field).max())
+
+
+@pytest.mark.parametrize("radius", [1.99, "1.99 + 0 * push"])
+def test_a_tool_moves_by_a_formula_into_an_imposed_node(radius):
+    """Over the corner of a held side the tool hangs 0.01 and goes down by 0.03: 0.02 deep."""
+    scene = block_scene(
+        "corner", {"push": (0.0, 0.03)}, contacts=(hhr.Circle(TOP, (0.0, "3 - push"), radius),),
+        displacements=hhr.Displacement.clamp(LEFT, 2),
+    )  # fmt: skip
+    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.02\) at \[.*\] for {'push': 0\.03}"):
+        hhr.FullOrderModel(scene)
+
+
 def test_gaps_are_exact_along_the_normals_of_the_middle():
     """x + g n is on the obstacle at every point, and derivatives are those of differences."""
     top = block.side(2, upper=True)

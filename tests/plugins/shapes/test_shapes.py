@@ -144,6 +144,64 @@ def test_a_block_of_any_size_on_an_obstacle():
     assert not model.solve([0.005, 1.0, 1.0]).forces().any()
 
 
+def check_fit(space, shape, misfit):
+    """A condensed block that touches an obstacle to round-off in the middle of the box, by uniform stress.
+
+    With a height of 2.3 and a misfit d, p = E (push + d) / (2.3 + d), the bottom moves by d and the top by -push.
+    """
+    obstacle = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.3)
+    scene = tall_block(shape=("x", shape), contacts=(obstacle,), parameters=scenes.space(push=(0.01, 0.1), **space))
+    model = hhr.condense(scene, fields=True)
+    for mu in scene.parameters.random(5, seed=1):
+        answer = model.solve(mu)
+        d = misfit(*mu[1:])
+        pressure = 3.0 * (mu[0] + d) / (2.3 + d)
+        assert answer.forces().sum() == pytest.approx(1.5 * max(pressure, 0.0), rel=1e-7, abs=1e-12)
+        if pressure > 0:
+            ends = answer.displacement().reshape(-1, 2)[:, 1]
+            assert (ends.min(), ends.max()) == pytest.approx((-mu[0], d), rel=1e-5, abs=1e-7)
+    assert answer.estimate() is not None
+
+
+@pytest.mark.parametrize(
+    ("space", "depth", "misfit"),
+    [
+        pytest.param({"d": (-0.005, 0.005)}, "0.1 + 0.2 + d", lambda d: d, id="misfit"),
+        pytest.param({"a": (-0.1, 0.1), "b": (-0.1, 0.1)}, "0.1 + 0.2 + a * b", lambda a, b: a * b, id="product"),
+    ],
+)
+def test_a_box_about_a_fit(space, depth, misfit):
+    """Gaps are round-off in the middle of the box, and matter elsewhere."""
+    check_fit(space, f"y - (2 - y) / 2 * ({depth})", misfit)
+
+
+def test_a_fit_in_all_of_the_box():
+    """Gaps are round-off everywhere: the shape moves inner nodes and those of the sides alone."""
+    check_fit({"a": (-0.2, 0.2)}, "y - (2 - y) / 2 * (0.1 + 0.2 + a - a) + a * y * (2 - y) / 9", lambda a: 0.0)
+
+
+@needs("moduli")
+def test_a_box_about_a_poissons_ratio_of_zero():
+    """Lamé's first constant is 0 in the middle; between rigid sides p = E (1 - nu) push / ((1 + nu) (1 - 2 nu) 2 h)."""
+    left, right = (hhr.Displacement(block.side(0, upper), 0) for upper in (False, True))
+    bottom = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
+    scene = tall_block(
+        "plane_strain",
+        ("x", "h * y"),
+        parameters=scenes.space(push=(0.01, 0.1), nu=(-0.3, 0.3), h=(0.8, 1.2)),
+        bodies=(hhr.Body(block.SOLID, 3.0, "nu"),),
+        contacts=(bottom,),
+    )
+    scene = dataclasses.replace(scene, displacements=(left, right, scene.displacements[-1]))
+    model = hhr.condense(scene, fields=True)
+    for push, nu, h in scene.parameters.random(4, seed=1):
+        answer = model.solve([push, nu, h])
+        pressure = 3.0 * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) * push / (2 * h)
+        assert answer.forces().sum() == pytest.approx(1.5 * pressure, rel=1e-5)
+        assert answer.displacement()[1::2].min() == pytest.approx(-push, rel=1e-5)
+        assert answer.displacement()[1::2].mean() == pytest.approx(-push / 2, rel=1e-5)
+
+
 def wedge(normal):
     """A block whose lid turns by up to 0.2 rad under one that turns with it; its normals are those of the mesh."""
     tilt = "(y + slope * (x - 1.5) * {})"
