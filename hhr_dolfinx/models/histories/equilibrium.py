@@ -133,12 +133,13 @@ class MarchSettings:
             iterates.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step that does not converge may be halved.
-        time_tolerance: largest estimated error of the time steps, relative to the largest stress, for laws with rates.
-            A step of the path is solved in as many parts as that takes, and answered at its end. None does not cut
-            steps; ``History.time_error`` has the estimate in any case.
+        time_tolerance: largest estimated error of the time steps, see :attr:`Answer.time_error`. A step of the path is
+            solved in as many parts as that takes, and answered at its end. None does not cut steps.
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
             constant of the whole history.
+        time_error: estimate the error of the time steps of inelastic bodies from a second solution in their halves,
+            which takes twice the time of the history; with a time tolerance there is an estimate in any case.
     """
 
     search: str = "frozen"
@@ -150,6 +151,7 @@ class MarchSettings:
     outside: str = "warn"
     gradient: bool = False
     time_tolerance: float | None = None
+    time_error: bool = False
 
     def __post_init__(self):
         for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
@@ -158,8 +160,9 @@ class MarchSettings:
         for name in ("relative_stress", "floor_stress", "relative_force"):
             if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
-        if not isinstance(self.gradient, bool):
-            raise ParameterError(f"gradient = {self.gradient!r} must be True or False")
+        for name in ("gradient", "time_error"):
+            if not isinstance(getattr(self, name), bool):
+                raise ParameterError(f"{name} = {getattr(self, name)!r} must be True or False")
         if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
             raise ParameterError(
                 f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
