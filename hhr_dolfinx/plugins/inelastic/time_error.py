@@ -42,15 +42,18 @@ EARLY = 2
 """Steps in which the estimate may grow to half of the tolerance; in n steps to n / (n + 2) of it."""
 LATE = 20
 """Steps in which an estimate that has used up the tolerance may grow by as much again."""
-NEGLIGIBLE = 1e-3
-"""Part of the tolerance that any part of a step may add, however short: steps are solved to a tenth of that."""
-TIGHT = {"floor_stress": 1e-2, "relative_stress": 1e-3, "relative_force": 1e-3}
+NEGLIGIBLE = 3e-3
+"""Part of the tolerance that any part of a step may add, however short: steps are solved more accurately than that."""
+TIGHT = {"floor_stress": 1e-4, "relative_stress": 1e-4, "relative_force": 1e-4}
 """Largest tolerances of the solution of a step, over the time tolerance: with the default ones two solutions differed
 by 2e-5 however short a step was."""
 CONTROLLED = 2
 """Fields that a tolerance controls, the first ones: forces are large beside the largest so far where contact begins."""
 MOST_PARTS = 10_000
 """Parts of one step of a path above which a tolerance is out of reach."""
+
+SHORTEST = 1e-9
+"""Part of a step that counts as no part of it."""
 
 Trail = tuple[Answer, ...]
 
@@ -172,7 +175,7 @@ def in_parts(
         The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
 
     Raises:
-        Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.
+        Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` or shorter ones than ``SHORTEST`` would be needed.
     """
     start = trail[-1]
     tolerance = stepper.settings.time_tolerance or 0.0
@@ -202,8 +205,10 @@ def in_parts(
         allowed = np.maximum((goal_of_step - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
         miss = float((added / allowed)[:CONTROLLED].max())
         length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
-        if miss > 1:
+        if miss > 1 and length > SHORTEST:
             continue
+        if miss > 1:
+            break
         second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
         turned = False
         before, error = error, np.nan_to_num(second.errors())
@@ -214,5 +219,5 @@ def in_parts(
         if done == 1:
             return solved, spent
     raise Diverged(
-        f"a time tolerance of {tolerance:g} takes more than {MOST_PARTS} parts of a step: allow a larger one"
+        f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one"
     )
