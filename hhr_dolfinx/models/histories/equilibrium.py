@@ -108,7 +108,8 @@ def told_once(what: str = "") -> Iterator[None]:
 
 def _said(estimate: float) -> str:
     return (
-        f"make errors of {100 * estimate:.2g} % of the largest stress by estimate, and {100 * ACCEPTED:g} % is much: "
+        f"make errors of {100 * estimate:.2g} % of the largest stress or displacement by estimate, and "
+        f"{100 * ACCEPTED:g} % is much: "
         "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
     )
 
@@ -138,8 +139,8 @@ class MarchSettings:
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
             constant of the whole history.
-        time_error: estimate the error of the time steps of inelastic bodies from a second solution in their halves,
-            which takes twice the time of the history; with a time tolerance there is an estimate in any case.
+        time_error: estimate the error of the time steps of inelastic bodies by a second solution in half steps, which
+            takes twice the time of the history; with a time tolerance there is an estimate in any case.
     """
 
     search: str = "frozen"

@@ -175,7 +175,7 @@ def in_parts(
         The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
 
     Raises:
-        Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` or shorter ones than ``SHORTEST`` would be needed.
+        Diverged: if a part does not converge, or if more than ``MOST_PARTS`` or shorter ones than ``SHORTEST`` are needed.
     """
     start = trail[-1]
     tolerance = stepper.settings.time_tolerance or 0.0
@@ -218,6 +218,4 @@ def in_parts(
         trail = (*trail, *halves)[-3:]
         if done == 1:
             return solved, spent
-    raise Diverged(
-        f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one"
-    )
+    raise Diverged(f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one")
