@@ -175,7 +175,7 @@ def in_parts(
         The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
 
     Raises:
-        Diverged: if a part does not converge, or if more than ``MOST_PARTS`` or shorter ones than ``SHORTEST`` are needed.
+        Diverged: if a part does not converge, or the parts are too many or too short.
     """
     start = trail[-1]
     tolerance = stepper.settings.time_tolerance or 0.0
