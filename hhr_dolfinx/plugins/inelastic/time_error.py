@@ -117,6 +117,14 @@ class SecondSolution:
                 found += self._stepper.advance((*trail, *found)[-3:], goal)
         return found
 
+    def attempt(self, stepper: Stepper, trail: Trail, goal: Goal) -> tuple[list[Answer], list[Answer]]:
+        """A part of a step of the history, from the end of its trail: as a whole, and in halves by its stepper."""
+        whole = self.advanced(trail, [goal])
+        halves = list[Answer]()
+        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
+            halves += stepper.advance((*trail, *halves)[-3:], end)
+        return whole, halves
+
     def _goals(self, before: Answer, after: Answer) -> list[Goal]:
         """Ends of the steps of this solution within a step of the history."""
         whole = after.time - before.time
@@ -164,12 +172,9 @@ def in_parts(
     finds the same parts.
 
     Args:
-        stepper: of the history, whose settings have the tolerance.
-        trail: its last answers.
-        goal: end of the step.
+        stepper: of the history, whose last answers are ``trail``; its settings have the tolerance.
         second: solution of the history in whole parts, which follows.
-        number: of the step in the path, from 1 on.
-        turned: the step starts elastically, as the path reverses.
+        number: of the step in the path, from 1 on; it starts elastically if the path ``turned``.
 
     Returns:
         The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
@@ -179,43 +184,40 @@ def in_parts(
     """
     start = trail[-1]
     tolerance = stepper.settings.time_tolerance or 0.0
+    limit = tolerance * number / (number + EARLY)
     error = np.nan_to_num(second.errors())
-    goal_of_step = tolerance * number / (number + EARLY)
     decay = np.zeros(len(error))  # part of the error before the last part of the step that it does not keep
-    done = 0.0
-    spent = 0
-    length = 1.0
+    done, length, spent = 0.0, 1.0, 0
     largest = np.zeros(len(error))  # of all attempts: near rest an error is small beside the fields of the step
     solved = list[Answer]()
     for _ in range(MOST_PARTS):
-        end = min(done + length, 1.0)
-        end = 1.0 if 1 - end < 1e-9 else end
-        # two equal parts instead of one and a short rest
-        end = (1 + done) / 2 if end < 1 < end + 0.5 * length else end
+        end = _end_of_part(done, length)
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
-        whole = second.advanced(trail, [Goal(time, (1 - end) * start.parameter + end * goal.parameter)])
-        halves = list[Answer]()
-        for middle in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
-            halves += stepper.advance((*trail, *halves)[-3:], middle)
+        whole, halves = second.attempt(stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter))
         spent += sum(answer.iterations for answer in (*whole, *halves))
         largest = np.maximum(largest, second.norms(halves[-1]))
         added = relative(MARGIN * second.norms(halves[-1], whole[-1]), np.maximum(largest, second.largest))
         duration = end - done
         share = np.maximum(duration / (1 - done), decay)
-        allowed = np.maximum((goal_of_step - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
+        allowed = np.maximum((limit - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
         miss = float((added / allowed)[:CONTROLLED].max())
         length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
-        if miss > 1 and length > SHORTEST:
-            continue
-        if miss > 1:
-            break
-        second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
-        turned = False
-        before, error = error, np.nan_to_num(second.errors())
-        decay = np.clip(1 - relative(error - added, before), 0.0, 1.0) * (before > 0)
-        solved += halves
-        done = end
-        trail = (*trail, *halves)[-3:]
+        if miss <= 1:
+            second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
+            before, error = error, np.nan_to_num(second.errors())
+            decay = np.clip(1 - relative(error - added, before), 0.0, 1.0) * (before > 0)
+            solved += halves
+            trail, turned, done = (*trail, *halves)[-3:], False, end
         if done == 1:
             return solved, spent
+        if length < SHORTEST:
+            break
     raise Diverged(f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one")
+
+
+def _end_of_part(done: float, length: float) -> float:
+    """End of the next part of a step, as a share of it: two equal parts instead of one and a short rest."""
+    end = done + length
+    if end >= 1 - SHORTEST:
+        return 1.0
+    return (1 + done) / 2 if end + 0.5 * length > 1 else end
