@@ -187,7 +187,9 @@ def in_parts(
     limit = tolerance * number / (number + EARLY)
     error = np.nan_to_num(second.errors())
     decay = np.zeros(len(error))  # part of the error before the last part of the step that it does not keep
-    done, length, spent = 0.0, 1.0, 0
+    done = 0.0
+    length = 1.0
+    spent = 0
     largest = np.zeros(len(error))  # of all attempts: near rest an error is small beside the fields of the step
     solved = list[Answer]()
     for _ in range(MOST_PARTS):
@@ -204,10 +206,13 @@ def in_parts(
         length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
         if miss <= 1:
             second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
-            before, error = error, np.nan_to_num(second.errors())
-            decay = np.clip(1 - relative(error - added, before), 0.0, 1.0) * (before > 0)
+            following = np.nan_to_num(second.errors())
+            decay = np.clip(1 - relative(following - added, error), 0.0, 1.0) * (error > 0)
+            error = following
             solved += halves
-            trail, turned, done = (*trail, *halves)[-3:], False, end
+            trail = (*trail, *halves)[-3:]
+            turned = False
+            done = end
         if done == 1:
             return solved, spent
         if length < SHORTEST:
