@@ -288,6 +288,7 @@ def main() -> None:
     options = cli.parse_on_first_rank(cli.demo_parser("time_errors", __doc__))
     cases = [(name, law, case) for name, law in LAWS.items() for case in CASES]
     lines = [HEAD, "|" + "---|" * (HEAD.count("|") - 1)]
+    options.console.print("\n".join(lines), highlight=False)
     results = []
     for name, law, case in cases[1:2] if options.quick else [*cases, *OTHERS]:
         results.append(measured(case, name, law, 8 if options.quick else PARTS))
