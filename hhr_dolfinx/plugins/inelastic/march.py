@@ -175,8 +175,8 @@ def _stepped(
     stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, second: SecondSolution | None, number: int, turned: bool
 ) -> Answer:
     """A step of a path, cut by the time tolerance if there is one, with its time errors if they were requested."""
-    controlled = second is not None and stepper.settings.time_tolerance is not None
-    if controlled:
+    controlled = stepper.settings.time_tolerance is not None
+    if second is not None and controlled:
         parts, spent = in_parts(stepper, trail, goal, second, number, turned)
     else:
         parts = stepper.advance(trail, goal)

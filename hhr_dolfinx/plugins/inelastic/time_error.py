@@ -155,7 +155,7 @@ def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
 def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
     """Ends of the halves of some steps, the first of which begins at the time and parameter of an answer."""
     starts = [Goal(before.time, before.parameter), *ends]
-    middles = [Goal(*((one + two) / 2 for one, two in zip(*pair, strict=True))) for pair in pairwise(starts)]
+    middles = [Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2) for one, two in pairwise(starts)]
     return [goal for pair in zip(middles, ends, strict=True) for goal in pair]
 
 
