@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -67,6 +67,9 @@ certified: setup
 
 local: setup
 	.venv/bin/python benchmarks/local_models.py
+
+time-errors: setup
+	.venv/bin/python benchmarks/time_errors.py
 
 indicator: setup
 	.venv/bin/python benchmarks/history_indicator.py

@@ -164,8 +164,9 @@ class Answer(NamedTuple):
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
-        time_error: estimated error of the time steps up to here, relative to the largest stress, 0
-            where no law has rates, NaN of an answer that belongs to no history.
+        time_error: estimated error of the time steps up to here: of stress or displacement, whichever is larger, over
+            its largest norm so far; of contact forces in elastic histories with friction. NaN without an estimate, see
+            :class:`MarchSettings`; 0 in elastic histories without friction.
         ends: times between the parts in which the step was solved, if there were several.
         memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
@@ -333,10 +334,7 @@ class History(Shown):
 
     @property
     def time_error(self) -> np.ndarray:
-        """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,).
-
-        The largest value counts; the effect of earlier errors on a later state may be underestimated.
-        """
+        """Estimated error of the time steps up to the end of each, see :attr:`Answer.time_error`, (steps,)."""
         return np.array([answer.time_error for answer in self.answers])
 
     @property

@@ -108,7 +108,8 @@ def told_once(what: str = "") -> Iterator[None]:
 
 def _said(estimate: float) -> str:
     return (
-        f"make errors of {100 * estimate:.2g} % of the largest stress by estimate, and {100 * ACCEPTED:g} % is much: "
+        f"make errors of {100 * estimate:.2g} % of the largest stress or displacement by estimate, and "
+        f"{100 * ACCEPTED:g} % is much: "
         "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
     )
 
@@ -133,14 +134,15 @@ class MarchSettings:
             iterates.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step that does not converge may be halved.
-        time_tolerance: largest estimated error of the time steps, relative to the largest stress, for laws with rates.
-            A step of the path is solved in as many parts as that takes, and answered at its end. None does not cut
-            steps; ``History.time_error`` has the estimate in any case.
+        time_tolerance: largest estimated error of the time steps, see :attr:`Answer.time_error`. A step of the path is
+            solved in as many parts as that takes, and answered at its end. None does not cut steps.
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
             constant of the whole history.
         limit: with friction, derivatives of the limit of small increments, in which a contact sticks where it closes,
             instead of those of the increments themselves, in which it sticks to where it was at the start of one.
+        time_error: estimate the error of the time steps of inelastic bodies by a second solution in half steps, which
+            takes twice the time of the history; with a time tolerance there is an estimate in any case.
     """
 
     search: str = "frozen"
@@ -153,6 +155,7 @@ class MarchSettings:
     gradient: bool = False
     limit: bool = False
     time_tolerance: float | None = None
+    time_error: bool = False
 
     def __post_init__(self):
         for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
@@ -161,7 +164,7 @@ class MarchSettings:
         for name in ("relative_stress", "floor_stress", "relative_force"):
             if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
-        for name in ("gradient", "limit"):
+        for name in ("gradient", "limit", "time_error"):
             if not isinstance(getattr(self, name), bool):
                 raise ParameterError(f"{name} = {getattr(self, name)!r} must be True or False")
         if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):

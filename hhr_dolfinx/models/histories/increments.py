@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, TimeStepWarning
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, left_with
@@ -174,6 +174,11 @@ def follow(
         watch: called with the answer of each increment, also of the parts of a step.
     """
     check_settings(settings)
+    if settings.time_error and settings.time_tolerance is None:
+        raise NotOfferedError(
+            f"the time error of elastic bodies with {model.law.name} is estimated with a tolerance alone: "
+            "MarchSettings(time_tolerance=0.001)"
+        )
     model.law.check_path(model.parameters, np.array([point for _, point in path]))
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     increments: Increments = model.increments(settings)

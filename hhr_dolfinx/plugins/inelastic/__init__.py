@@ -54,7 +54,7 @@ PLUGIN = Plugin(
         Stage(f"{_HERE}.project:check_tangents", f"{_BUILD}:assemble", _with_tangents),
     ),
     materials=("statement",),
-    memory=("gauss",),
+    memory=("gauss", "time_errors"),
     answers={"state": f"{_HERE}.state:state", "plastic_strain": f"{_HERE}.state:plastic_strain"},
     facets={
         "scene": f"{_HERE}.constants:SCENES",

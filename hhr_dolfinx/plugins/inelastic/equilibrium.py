@@ -201,6 +201,10 @@ class Equilibrium(ABC):
     def stepper(self, settings: MarchSettings) -> Stepper:
         """Solver of the steps of a history."""
 
+    def alongside(self) -> Self:
+        """The model for another history that is solved in turns with one of this model."""
+        return self
+
     @abstractmethod
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""

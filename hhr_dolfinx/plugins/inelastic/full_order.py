@@ -130,7 +130,7 @@ class FullEquilibrium(MeshEquilibrium):
         self._pairs = Pairs.of(problem.contact_pairs)
         # made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
         # 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
-        self._tangent_factors = FactorStore(lambda matrix: full.factors_of(matrix, "nd"))
+        self._tangent_factors = self._no_tangents()
         # two paths must not factor alternately; results are correct without it
         self.lock = RLock()
         self._body = np.zeros(self.size, dtype=int)
@@ -152,6 +152,16 @@ class FullEquilibrium(MeshEquilibrium):
         self._set_stiffness(self._meshed.own_stiffness)
         self.elastic = self._linearisation(full.stiffness, self._response_to_forces, self._unchanged.tangents)
         self.material = material
+
+    def _no_tangents(self) -> FactorStore:
+        """Empty store of the factors of one tangent."""
+        return FactorStore(lambda matrix: self._full.factors_of(matrix, "nd"))
+
+    def alongside(self) -> FullEquilibrium:
+        """See :class:`Equilibrium`; with factors of its own, so that both histories keep their frozen tangents."""
+        found = copy(self)
+        found._tangent_factors = self._no_tangents()
+        return found
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress of an answer at all Gauss points, (Gauss points, components)."""

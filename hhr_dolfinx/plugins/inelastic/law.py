@@ -83,8 +83,6 @@ class Law:
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
         elastic: whether its constants, which are numbers, state the elasticity instead of E and ν of the body.
-        swells: whether ε - C^-1 σ changes by more than creep, as by heat or yield: the time error then takes the rate
-            of creep from a short step.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -92,7 +90,6 @@ class Law:
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     finite: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
-    swells: ClassVar[bool] = False
 
     def statement(self, at: At) -> Stated:
         """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`."""
@@ -232,7 +229,6 @@ class LawProgram(Rebuilt):
     elastic: bool = False  # whether its constants, and not E and ν, state the elasticity
     reason: str = ""  # what is wrong beyond its limit; empty without one
     plane_stress: bool = False  # whether it is stated for it
-    swells: bool = False  # whether ε - C^-1 σ changes by more than creep
 
     def __post_init__(self) -> None:
         count = len(self.constants)
@@ -330,12 +326,6 @@ class LawProgram(Rebuilt):
             raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
-    def compliances(self, given: Given) -> np.ndarray:
-        """C^-1 with the modulus that the law states, if any, (n, c, c), or (1, c, c) if points share constants."""
-        if not self.swells:
-            return given.compliance[None]
-        return np.linalg.pinv(self._at_rest(given.constants))
-
     def _at_rest(self, constants: np.ndarray) -> np.ndarray:
         """Tangents without strain and memory, (n, c, c), for E, ν and the constants of a law, (2 + constants, n)."""
         strains = self.strains
@@ -387,7 +377,7 @@ class _Thin(Law):
             )
         self.law = law
         across = {"across": NUMBER}
-        vars(self).update(elastic=law.elastic, swells=law.swells, limits=law.limits, constants=law.constants)
+        vars(self).update(elastic=law.elastic, limits=law.limits, constants=law.constants)
         vars(self).update(memory={**law.memory, **across}, unknowns={**law.unknowns, **across})
 
     @property
@@ -429,7 +419,6 @@ def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProg
         law.elastic,
         made.stated.reason,
         plane_stress,
-        law.swells,
     )
 
 

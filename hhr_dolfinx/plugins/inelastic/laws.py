@@ -249,7 +249,6 @@ class PlasticityWithCreep(_Stated):
     resistance: float | str
     exponent: float | str
     memory: ClassVar = {"yielded": NUMBER}
-    swells: ClassVar[bool] = True
     unknowns: ClassVar = _STRESS
     limits: ClassVar = {**_YIELD, **_CREEP}
     stated: ClassVar = "plasticity_with_creep"
@@ -381,7 +380,6 @@ class _Around(Law):
     law: Law | None
     remembers: ClassVar[tuple[str, int]]  # name and size of its memory
     bounded: ClassVar[Mapping[str, tuple[float, float]]] = {}  # limits of its constants
-    swells: ClassVar[bool] = True
     stated: ClassVar[str]
 
     def __post_init__(self) -> None:

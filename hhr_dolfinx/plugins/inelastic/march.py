@@ -2,7 +2,7 @@
 
 The stepper of a model solves its steps: by linearisation (:mod:`plugins.inelastic.linearised_step`), or in one compiled
 loop (:mod:`plugins.inelastic.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
-The error of the steps in time is estimated, and with a tolerance steps are cut by it
+If requested, the error of the steps in time is estimated, and with a tolerance steps are cut by it
 (:mod:`plugins.inelastic.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
 their values at the end of a step or of a part of it.
 """
@@ -27,7 +27,7 @@ from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
 from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.state import GaussState
-from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
+from hhr_dolfinx.plugins.inelastic.time_error import CONTROLLED, SecondSolution, in_parts, tightened
 from hhr_dolfinx.plugins.inelastic.trained import Watch
 
 _log = logging.getLogger(__name__)
@@ -94,7 +94,7 @@ def march(
 
     Warns:
         OutsideTrainingWarning: if a step is outside the training range, and ``settings`` do not say otherwise.
-        TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
+        TimeStepWarning: if the error of the time steps was to be estimated and is large, and no tolerance was given.
     """
     check_settings(settings)
     check_elasticity(model.young, model.parameters.names, path)
@@ -118,7 +118,8 @@ def march(
                 f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{place}. "
                 f"Take smaller steps; the {step - 1} steps before are kept"
             ) from None
-    warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
+    if settings.time_error:
+        warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
         from hhr_dolfinx.plugins.inelastic.history_gradient import with_gradients
 
@@ -136,21 +137,25 @@ def _march(
 ) -> None:
     """Solve the steps of a checked path into a history."""
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
-    stepper = model.stepper(settings)
+    stepper = model.stepper(tightened(settings))
     check = steps_of(model.law).watch(model)
     watch = Watch(model.trained, settings.outside)
-    error = TimeError.at_rest(model, trail[0])
+    second = None
+    if settings.time_error or settings.time_tolerance is not None:
+        second = SecondSolution(model, settings, trail[0])
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
-        if _turns(model, trail, target):
+        turned = _turns(model, trail, target)
+        if turned:
             # the inelastic bodies of the last step respond elastically now: an extrapolation would mislead
             trail = trail[-1:]
         if number <= len(known):
             after = model.together.own(known[number - 1])
             stepper.learn(after)
-            error = error.going_on(after) if after.parts > 1 else error.after(model, trail[-1], after)
+            if second is not None:
+                second.follow(trail[-1], after, turned)
         else:
-            after, error = _stepped(stepper, trail, Goal(time, target), error)
+            after = _stepped(stepper, trail, Goal(time, target), second, number, turned)
         check(after)
         signs = model.signs(after)
         # a refused step is not kept
@@ -166,17 +171,23 @@ def _march(
         trail = (*trail[-2:], after)
 
 
-def _stepped(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError) -> tuple[Answer, TimeError]:
-    """A step of a path, cut by the time tolerance if there is one, and its time error."""
-    tolerance = stepper.settings.time_tolerance
-    if tolerance is None or not error.bodies:
+def _stepped(
+    stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, second: SecondSolution | None, number: int, turned: bool
+) -> Answer:
+    """A step of a path, cut by the time tolerance if there is one, with its time errors if they were requested."""
+    controlled = stepper.settings.time_tolerance is not None
+    if second is not None and controlled:
+        parts, spent = in_parts(stepper, trail, goal, second, number, turned)
+    else:
         parts = stepper.advance(trail, goal)
         spent = sum(part.iterations for part in parts)
-        error = error.through(stepper.model, trail[-1], parts)
-    else:
-        parts, error, spent = in_parts(stepper, trail, goal, error, tolerance)
-    ends = tuple(part.time for part in parts[:-1])
-    return parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error
+    answer = parts[-1]._replace(iterations=spent, ends=tuple(part.time for part in parts[:-1]))
+    if second is None:
+        return answer
+    if not controlled:
+        second.follow(trail[-1], answer, turned)
+    errors = second.errors()
+    return answer._replace(time_error=max(errors[:CONTROLLED])).remembering(time_errors=errors)
 
 
 def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) -> bool:

@@ -6,7 +6,7 @@ What holds data and no code refuses them: condensed models, files, pages, C and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -39,7 +39,6 @@ class OutsideLaw(Law):
         rated: whether the answer depends on the duration of a step.
     """
 
-    swells: ClassVar[bool] = True
     name = ""
 
     def __init__(self, name: str, constants: Mapping[str, float | str], rated: bool, *identity: str):
@@ -83,7 +82,7 @@ class LawCode(LawProgram):
         named = law.constants()
         values = values or (*named.values(),)
         # fields of a frozen dataclass, without those of a program
-        vars(self).update(name=law.name, rated=law.rated, swells=law.swells, constants=(*named,), values=values)
+        vars(self).update(name=law.name, rated=law.rated, constants=(*named,), values=values)
         vars(self).update(strains=strains, sizes=np.array([*self.own.values()]), kinds=())
         vars(self)["identity"] = [*law.identity, *named, *values]
 
@@ -97,10 +96,6 @@ class LawCode(LawProgram):
             f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
             "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
         )
-
-    def compliances(self, given: Given) -> np.ndarray:
-        """See :class:`LawProgram`."""
-        return given.compliance[None]
 
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
         """See :class:`LawProgram`."""

@@ -1,219 +1,228 @@
-"""Error of the time steps for laws with rates: its estimate in each step, and steps controlled by it.
+"""Error of the time steps of a history, from a second solution in steps of another length; steps controlled by it.
 
-Implicit Euler's rule applies the rate at the end of a step to the whole of it. If rates change evenly over a step h,
-its error is h/2 (r_1 - r_0) in the inelastic strain, with r_0 and r_1 the rates at both ends. At a given strain a step
-keeps a part D of the error before it, and of the error that it adds: of an excess of stress, the part that the law
-does not relax, D = H C^-1 with its tangent H (the same filter as for stiff equations in time: Shampine and
-Baca 1984, doi 10.1007/BF02165224). So the error as a stress goes from step to step by
+Implicit Euler's rule and the return mappings of laws without rates are of first order in the length of the steps. So
+if y_h is the solution in steps of some lengths and y_h/2 that in their halves, both along the whole path, the errors
+are about 2 (y_h - y_h/2) and y_h - y_h/2: Richardson's extrapolation, applied to whole histories (E. Hairer, S. P.
+Norsett, G. Wanner, Solving Ordinary Differential Equations I, section II.4). Errors of earlier steps are carried to
+later ones by both solutions themselves, so that this needs no property of a law. The estimate has a norm for each of
+stress, displacement and contact forces, over the largest norm of that field so far.
 
-    e_1 = D (e_0 + C h/2 (r_1 - r_0)),
-
-a vector at each point where laws are evaluated, and the estimate is its norm over that of the largest stress so far.
-Rates of laws that swell are those of short steps at both ends, as ε - C^-1 σ changes by more than flow.
-Measured on a pellet that is pressed and held, a tube pressed against a wall and one that bulges, in 4 to 64 steps for
-two to four decades of time, its largest value in a history is 0.9 to 1.8 times the largest error of stress, contact
-forces, displacement or cumulated strain, each relative; tests hold that of tubes that swell or soften to a factor of
-three. Only the largest value of a history counts: at the end of a long hold it is up to fifteen times too small, since
-a body relaxes more slowly than its points.
-It costs one evaluation of the laws with rates and 0.07 ms a step: little, except for condensed inelastic models, whose
-steps take 0.17 ms. Laws without rates have no such error: their steps are exact for straight paths of strain; their
-error on other paths is not estimated.
+Without a tolerance the answers are y_h, and the halves are solved beside them: twice the work of the history is added.
+With a tolerance the answers are y_h/2. Each part is solved as a whole from the same state too, and the difference of
+both, the error that the part adds, controls its length; that is twice the work of the answers, and attempts that are
+discarded. docs/flow.md has a table of estimates over true errors, which ``make time-errors`` measures.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SceneError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
-from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State
-from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.update import Material
+from hhr_dolfinx.warn import ignored
 
+MARGIN = 1.25
+"""Factor over Richardson's estimate, which is too small where steps are too long to be of first order: without it the
+estimates in the table of docs/flow.md are down to 0.85 of the true errors."""
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""
 SHRUNK = 0.1
 GROWN = 4.0
 """Least and largest factor from one part of a step to the next."""
-STEPS = 20
-"""Steps in which a path without relaxation uses up its tolerance."""
+EARLY = 2
+"""Steps in which the estimate may grow to half of the tolerance; in n steps to n / (n + 2) of it."""
+LATE = 20
+"""Steps in which an estimate that has used up the tolerance may grow by as much again."""
+NEGLIGIBLE = 3e-3
+"""Part of the tolerance that any part of a step may add, however short: steps are solved more accurately than that."""
+TIGHT = {"floor_stress": 1e-4, "relative_stress": 1e-4, "relative_force": 1e-4}
+"""Largest tolerances of the solution of a step, over the time tolerance: with the default ones two solutions differed
+by 2e-5 however short a step was."""
+CONTROLLED = 2
+"""Fields that a tolerance controls, the first ones: forces are large beside the largest so far where contact begins."""
 MOST_PARTS = 10_000
 """Parts of one step of a path above which a tolerance is out of reach."""
-SUDDEN = 1e-6
-"""Part of a step in which the rate of a law at a given stress is computed from its flow."""
+
+SHORTEST = 1e-9
+"""Part of a step that counts as no part of it."""
+
+Trail = tuple[Answer, ...]
 
 
-@dataclass(frozen=True)
-class TimeError:
-    """Time error at the end of a step; each step creates another one."""
+class TimeErrors(NamedTuple):
+    """Estimated errors of the time steps, each relative to the largest norm of its field so far."""
 
-    bodies: tuple[int, ...]  # bodies whose law has rates, as indices of the groups of the material
-    together: Points  # reductions over the points of all ranks
-    error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
-    rate: tuple[np.ndarray, ...] | None  # C times the rate of inelastic strain, per second, if it is known
-    largest: float = 0.0  # norm of the largest stress so far
-    before: float = 0.0  # estimate when a history continued; it does not decay
-    added: float = 0.0  # error added by the last step, relative to the largest stress
-    left: float = 1.0  # part D of the added error that remains at the end of the step
+    stress: float  # where the model evaluates its laws
+    displacement: float  # on the whole mesh
+    forces: float  # on the contact conditions of the model
 
-    @classmethod
-    def at_rest(cls, model: Equilibrium, answer: Answer) -> TimeError:
-        """Time error at the start of a history, for a model with numbers as moduli."""
-        material = model.material.at(answer.parameter)
-        groups = material.groups
-        bodies = tuple(k for k, group in enumerate(groups) if group.law is not None and group.law.rated)
-        nothing = tuple(np.zeros((groups[k].indices.size, material.components)) for k in bodies)
-        return cls(bodies, model.together, nothing, nothing)
 
-    @property
-    def estimate(self) -> float:
-        """Norm of the error over that of the largest stress so far."""
-        if self.largest == 0:
-            return self.before
-        return self.before + self._norm(self.error) / self.largest
+def tightened(settings: MarchSettings) -> MarchSettings:
+    """Settings of a solution in time that are small enough for its time tolerance, if it has one."""
+    tolerance = settings.time_tolerance
+    if tolerance is None:
+        return settings
+    values: Any = {name: min(getattr(settings, name), factor * tolerance) for name, factor in TIGHT.items()}
+    return replace(settings, **values)
 
-    def _norm(self, parts: Sequence[np.ndarray]) -> float:
-        """Euclidean norm of values at the points of all ranks."""
-        return math.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts)))
 
-    def going_on(self, answer: Answer) -> TimeError:
-        """Time error after an answer that was solved before in parts: its estimate is known, its rates are not."""
-        nothing = tuple(np.zeros_like(error) for error in self.error)
-        largest = max(self.largest, self._norm([gauss_of(answer).stress]))
-        return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
+class SecondSolution:
+    """Second solution of one history: in halves of its steps, or in whole steps if a tolerance makes it take halves."""
 
-    def after(self, model: Equilibrium, before: Answer, answer: Answer) -> TimeError:
-        """Time error at the end of a step that was solved in one part by a model with numbers as moduli."""
-        if not self.bodies:
-            return self
-        material = model.material.at(answer.parameter)
-        dt = answer.time - before.time
-        stress = gauss_of(answer).stress
-        try:
-            parts = self.together.agreed(
-                lambda: [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
-            )
-        except (ConvergenceError, SceneError):  # a law that has an answer in this step alone
-            return self
-        largest = max(self.largest, self._norm([stress]))
-        raw, left = (math.sqrt(self.together.total(sum(part[k] for part in parts))) for k in (2, 3))
-        return replace(
-            self,
-            error=tuple(part[0] for part in parts),
-            rate=tuple(part[1] for part in parts),
-            largest=largest,
-            added=left / largest if largest > 0 else 0.0,
-            left=left / raw if raw > 0 else 1.0,
+    def __init__(self, model: Equilibrium, settings: MarchSettings, rest: Answer):
+        self._model = model.alongside()
+        self._stepper = self._model.stepper(tightened(settings))
+        self._in_halves = settings.time_tolerance is None
+        self._trail: Trail = (rest,)
+        self._behind = list[tuple[Answer, Answer, bool]]()
+        self._lost = False
+        self._errors = np.zeros(len(TimeErrors._fields))  # norms of the difference of both solutions
+        self.largest = np.zeros(len(TimeErrors._fields))  # norms of the fields so far
+
+    def follow(self, before: Answer, after: Answer, turned: bool) -> None:
+        """Note a step of the history, which starts elastically if the path ``turned``; it is solved when needed."""
+        self._behind.append((before, after, turned))
+
+    def errors(self) -> TimeErrors:
+        """Estimated errors of the history so far; NaN after a step that the second solution did not solve."""
+        for before, after, turned in self._behind:
+            self._trail = self._trail[-1:] if turned else self._trail
+            try:
+                ends = [] if self._lost else self.advanced(self._trail, self._goals(before, after))
+            except (Diverged, ConvergenceError, NotSolvableError, SceneError):
+                ends = []
+            self._lost = not ends
+            if ends:
+                self._trail = (*self._trail, *ends)[-3:]
+                self._errors = self.norms(after, ends[-1])
+                self.largest = np.maximum(self.largest, self.norms(after))
+        self._behind.clear()
+        times = math.nan if self._lost else MARGIN * (2.0 if self._in_halves else 1.0)
+        return TimeErrors(*(times * relative(self._errors, self.largest)).tolist())
+
+    def advanced(self, trail: Trail, goals: Sequence[Goal]) -> list[Answer]:
+        """Answers from the end of a trail up to some goals; Diverged without them."""
+        found = list[Answer]()
+        with ignored(SmallStrainWarning):  # the history itself warns
+            for goal in goals:
+                found += self._stepper.advance((*trail, *found)[-3:], goal)
+        return found
+
+    def attempt(self, stepper: Stepper, trail: Trail, goal: Goal) -> tuple[list[Answer], list[Answer]]:
+        """A part of a step of the history, from the end of its trail: as a whole, and in halves by its stepper."""
+        whole = self.advanced(trail, [goal])
+        halves = list[Answer]()
+        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
+            halves += stepper.advance((*trail, *halves)[-3:], end)
+        return whole, halves
+
+    def _goals(self, before: Answer, after: Answer) -> list[Goal]:
+        """Ends of the steps of this solution within a step of the history."""
+        whole = after.time - before.time
+        shares = [(end - before.time) / whole for end in after.ends]
+        points = [(1 - share) * before.parameter + share * after.parameter for share in shares]
+        ends = [*map(Goal, after.ends, points), Goal(after.time, after.parameter)]
+        return halved(before, ends) if self._in_halves else [*ends[1:-1:2], ends[-1]]
+
+    def norms(self, answer: Answer, other: Answer | None = None) -> np.ndarray:
+        """Norms of stress, displacement and contact forces of an answer, or of its difference to another one, (3,)."""
+        stress, displacement, forces = (
+            one if other is None else one - two
+            for one, two in zip(_fields(answer), _fields(answer if other is None else other), strict=True)
         )
-
-    def through(self, model: Equilibrium, before: Answer, parts: Sequence[Answer]) -> TimeError:
-        """Time error at the end of a step in parts, from the answer before it and those at their ends."""
-        error = self
-        for one, other in pairwise([before, *parts]):
-            error = error.after(model, one, other)
-        return error
-
-    def _body(
-        self, k: int, material: Material, before: Answer, answer: Answer, dt: float
-    ) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
-        place = self.bodies[k]
-        points = material.groups[place].own
-        given = material.given[place]
-        old = _there(before, points)
-        stress, new = gauss_of(answer)
-        inelastic = new.inelastic[points]
-        flowed = (inelastic - old.inelastic) @ given.elastic
-        strain = stress[points] @ given.compliance + inelastic
-        law: Any = material.groups[place].law
-        tangents = law.update(strain, old, dt, given, tangent=True).tangents
-        rate = _rate(law, answer, points, given, dt) if law.swells else flowed / dt
-        rest = self.rate[k] if self.rate is not None else _rate(law, before, points, given, dt)
-        added = dt * (rate - rest) / 2
-        inverse = law.compliances(given)
-        error, kept = ((tangents @ (inverse @ part[..., None]))[..., 0] for part in (self.error[k] + added, added))
-        return error, rate, float(np.vdot(added, added)), float(np.vdot(kept, kept))
+        squares = self._model.together.total(float(np.vdot(stress, stress)))
+        return np.array([math.sqrt(squares), np.linalg.norm(displacement), np.linalg.norm(forces)])
 
 
-def _there(answer: Answer, points: slice | np.ndarray) -> State:
-    """State of an answer at some points."""
-    return State(*(part[points] for part in gauss_of(answer).state))
+def relative(errors: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """Errors over the largest norms; 0 of fields that are 0."""
+    return np.divide(errors, largest, out=np.zeros_like(errors), where=largest > 0)
 
 
-def _strain(answer: Answer, points: slice | np.ndarray, given: Given) -> np.ndarray:
-    """Strain of an answer at some points, from stress and inelastic strain, (n, c)."""
-    found: np.ndarray = gauss_of(answer).stress[points] @ given.compliance
-    return found + gauss_of(answer).state.inelastic[points]
+def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
+    return gauss_of(answer).stress, answer.displacement(), answer.multipliers
 
 
-def _rate(law: LawProgram, answer: Answer, points: slice | np.ndarray, given: Given, dt: float) -> np.ndarray:
-    """C times the rate of inelastic strain at a stress: the flow of a law in a short time, (n, c).
-
-    A first moment takes up changes of constants since the answer, which swell at once.
-    """
-    moment = SUDDEN * dt
-    old = _there(answer, points)
-    strain = _strain(answer, points, given)
-    for _ in range(2 if law.swells else 1):
-        begun, old = old, law.update(strain, old, moment, given, tangent=False).state
-    return (old.inelastic - begun.inelastic) @ given.elastic / moment
+def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
+    """Ends of the halves of some steps, the first of which begins at the time and parameter of an answer."""
+    starts = [Goal(before.time, before.parameter), *ends]
+    middles = [Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2) for one, two in pairwise(starts)]
+    return [goal for pair in zip(middles, ends, strict=True) for goal in pair]
 
 
 def in_parts(
-    stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, error: TimeError, tolerance: float
-) -> tuple[list[Answer], TimeError, int]:
-    """Solve a step of a path in parts, so that none adds more than the allowed error.
+    stepper: Stepper, trail: Trail, goal: Goal, second: SecondSolution, number: int, turned: bool
+) -> tuple[list[Answer], int]:
+    """Solve a step of a path in parts, each as two halves, whose difference to the whole part is the error they add.
 
-    A part may add tolerance times 1 - D, so that with the decay of the error the estimate stays below the tolerance. If
-    D is near 1, it may add the same as if the path had ``STEPS`` steps: later steps are unknown. The allowed error is
-    about proportional to the length of a part, and the added error to its square. The length of the next part, or of
-    the same one once more, changes by their ratio. The first attempt is the whole step, so that a history that
-    continues after stored answers finds the same parts. ``error`` is that at the start of the step. Returns the answers
-    at the ends of the parts, the error at the end, and the iterations of all attempts, discarded ones included.
+    The parts may add the tolerance less the estimate, each in proportion to its length; where little is left of that,
+    a small part of the tolerance. Where the error before a part decayed in it, as in a hold, the next part may add as
+    much as that. An added error is about proportional to the square of the length of its part, so the length of the
+    next part, or of the same one once more, changes by the ratio of the allowed error to it. The first attempt is the
+    whole step. All this depends on the path up to here alone, so that a history that continues after stored answers
+    finds the same parts.
+
+    Args:
+        stepper: of the history, whose last answers are ``trail``; its settings have the tolerance.
+        second: solution of the history in whole parts, which follows.
+        number: of the step in the path, from 1 on; it starts elastically if the path ``turned``.
+
+    Returns:
+        The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
 
     Raises:
-        Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.
+        Diverged: if a part does not converge, or the parts are too many or too short.
     """
     start = trail[-1]
+    tolerance = stepper.settings.time_tolerance or 0.0
+    limit = tolerance * number / (number + EARLY)
+    error = np.nan_to_num(second.errors())
+    decay = np.zeros(len(error))  # part of the error before the last part of the step that it does not keep
     done = 0.0
-    spent = 0
     length = 1.0
-    largest = 0.0  # stress of all attempts: near rest an error is small beside that of the step
+    spent = 0
+    largest = np.zeros(len(error))  # of all attempts: near rest an error is small beside the fields of the step
     solved = list[Answer]()
     for _ in range(MOST_PARTS):
-        end = min(done + length, 1.0)
-        end = 1.0 if 1 - end < 1e-9 else end
-        # two equal parts instead of one and a short rest
-        end = (1 + done) / 2 if end < 1 < end + 0.5 * length else end
+        end = _end_of_part(done, length)
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
-        part = Goal(time, (1 - end) * start.parameter + end * goal.parameter)
-        found = stepper.advance(trail, part)
-        spent += sum(answer.iterations for answer in found)
-        after = error.through(stepper.model, trail[-1], found)
+        whole, halves = second.attempt(stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter))
+        spent += sum(answer.iterations for answer in (*whole, *halves))
+        largest = np.maximum(largest, second.norms(halves[-1]))
+        added = relative(MARGIN * second.norms(halves[-1], whole[-1]), np.maximum(largest, second.largest))
         duration = end - done
-        allowed = tolerance * max(1 - after.left, duration / STEPS)
-        if not allowed > 0:
-            break
-        largest = max(largest, after.largest)
-        miss = after.added * after.largest / (largest * allowed) if len(found) == 1 and largest > 0 else 1.0
-        factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
-        length = duration * factor
-        if miss > 1:
-            continue
-        solved = [*solved, *found]
-        error = after
-        done = end
-        trail = (*trail, *found)[-3:]
+        share = np.maximum(duration / (1 - done), decay)
+        allowed = np.maximum((limit - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
+        miss = float((added / allowed)[:CONTROLLED].max())
+        length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
+        if miss <= 1:
+            second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
+            following = np.nan_to_num(second.errors())
+            decay = np.clip(1 - relative(following - added, error), 0.0, 1.0) * (error > 0)
+            error = following
+            solved += halves
+            trail = (*trail, *halves)[-3:]
+            turned = False
+            done = end
         if done == 1:
-            return solved, error, spent
-    raise Diverged(
-        f"a time tolerance of {tolerance:g} takes more than {MOST_PARTS} parts of a step: allow a larger one"
-    )
+            return solved, spent
+        if length < SHORTEST:
+            break
+    raise Diverged(f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one")
+
+
+def _end_of_part(done: float, length: float) -> float:
+    """End of the next part of a step, as a share of it: two equal parts instead of one and a short rest."""
+    end = done + length
+    if end >= 1 - SHORTEST:
+        return 1.0
+    return (1 + done) / 2 if end + 0.5 * length > 1 else end

@@ -231,8 +231,8 @@ def print_report(report: Report, console: Console) -> None:
     if (row := report.get("time_error", {})).get("max"):
         how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
         console.print(
-            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate "
-            f"(median of the histories), {row['max']:.2%} at worst; small models take the same ones"
+            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress or displacement "
+            f"by estimate (median of the histories), {row['max']:.2%} at worst; small models take the same ones"
         )
     if "advice" in report:
         console.print(report["advice"])

@@ -178,8 +178,9 @@ out["goes on"] = kept_steps.histories[0].answers[-1].forces().tolist()
 out["steps found"] = comm.bcast(shared.found)
 # creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has some of the points
 creeping = pellets.flowing_full()
-for name, settings in (("creeps", hhr.MarchSettings()), ("creeps in parts", hhr.MarchSettings(time_tolerance=0.02))):
-    history = creeping.march(pellet.path(5.0, 4), settings)
+asked = {{"creeps": {{"time_error": True}}, "creeps in parts": {{"time_tolerance": 0.02}}}}
+for name, settings in asked.items():
+    history = creeping.march(pellet.path(5.0, 4), hhr.MarchSettings(**settings))
     last = history.answers[-1]
     out[name] = [float(np.linalg.norm(item)) for item in (last.forces(), last.stress(), last.plastic_strain())]
     out[name + ", errors"] = [*history.time_error.tolist(), *(answer.parts for answer in history.answers)]
