@@ -28,6 +28,7 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -148,8 +149,14 @@ class SnapshotSet(Shown):
         }
 
     @classmethod
-    def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
-        """Make a set of answers of a full model, one column each."""
+    def of_answers(
+        cls, answers: Iterable[Answer], histories: Sequence[History] = (), rows: Rows | None = None
+    ) -> SnapshotSet:
+        """Make a set of answers of a full model, one column each.
+
+        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the local ones are kept.
+        """
+        answers = [item if rows is None else item._replace(unknown=rows.of(item.unknown)) for item in answers]
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
         remembers = registry.memories(of_bodies=True) & answers[0].memory.keys()
@@ -294,10 +301,8 @@ class _Solver:
             full.problem.require_no_memory("a set of snapshots at single parameters")
         with full.group.together("solving for snapshots"):
             if not _are_paths(queries):
-                own = full.problem.spread.of
-                found = self._answers(full.parameters.points(queries))
-                answers = [answer._replace(unknown=own(answer.unknown)) for answer in found]
-                return SnapshotSet.of_answers(answers) if answers else None
+                answers = list(self._answers(full.parameters.points(queries)))
+                return SnapshotSet.of_answers(answers, rows=full.spread) if answers else None
             with told_once("histories"), first_alone():
                 histories = list(self._histories(queries))
             return None if self.lost is not None and not histories else SnapshotSet.of_histories(histories)
