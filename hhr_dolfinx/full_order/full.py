@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import nullcontext
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -65,10 +66,11 @@ class FullOrderModel(FullModel):
     system: System
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
-        if not isinstance(scene, Scene):
-            raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         self.group = group_of(comm)
+        self.group.agreed("building a full model", self._asked)
+        if not isinstance(scene, Scene):
+            raise SceneError(f"{scene!r} is no scene: give a Scene")
         with self.group.together(f"building the full model of scene '{scene.name}'"):
             if scene.reader:
                 given = with_laws(scene)
@@ -84,6 +86,10 @@ class FullOrderModel(FullModel):
                 self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
         guard = registry.offered("small_strains") or Guard
         self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
+
+    def _asked(self) -> list[str | np.ndarray]:
+        """Words of the scene, which must be the same on all ranks."""
+        return [f"scene '{getattr(self.scene, 'name', self.scene)}'", repr(self.scene)]
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -222,7 +228,9 @@ class FullOrderModel(FullModel):
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         start = None if isinstance(start, str) else start
-        answer = self.system.answer(point, start, self.pairs, self, gradient)
+        user_code = self.scene.system is not None
+        with self.group.together(f"solving scene '{self.scene.name}'") if user_code else nullcontext():
+            answer = self.system.answer(point, start, self.pairs, self, gradient)
         self.strains.look(answer)
         return answer
 

@@ -7,7 +7,7 @@ reduced model is checked, are random, or near parameters with light contact.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -113,6 +113,8 @@ _log = logging.getLogger(__name__)
 
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
+PROGRESS = "the progress bar of a training"
+"""Name of what users wrap iterations in, for messages of ranks."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -286,6 +288,15 @@ def _are_paths(queries: object) -> bool:
         return True
 
 
+def asked_for(queries: PointsLike | Sequence[Path]) -> list[str | np.ndarray]:
+    """Words and values of queries, which must be the same on all ranks that share them."""
+    if not _are_paths(queries):
+        return [f"{len(queries)} points", np.array(queries, dtype=float)]
+    values = [item for path in queries for pair in path for item in pair]
+    numbers = (list(item.values()) if isinstance(item, Mapping) else item for item in values)
+    return [f"{len(queries)} paths", *(np.array(item, dtype=float) for item in numbers)]
+
+
 @dataclass(frozen=True)
 class _Solver:
     full: FullModel
@@ -297,6 +308,7 @@ class _Solver:
     def solved(self, queries: Any) -> SnapshotSet | None:
         """Answers to the queries; None if none has an answer."""
         full = self.full
+        full.group.agreed("snapshots", lambda: asked_for(queries))
         if not _are_paths(queries):
             full.problem.require_no_memory("a set of snapshots at single parameters")
         with full.group.together("solving for snapshots"):
@@ -312,7 +324,7 @@ class _Solver:
 
     def _answers(self, points: np.ndarray) -> Iterator[Answer]:
         start: str | np.ndarray = "nearest"
-        for point in self.progress(points):
+        for point in self.full.group.in_step(lambda: self.progress(points), PROGRESS):
             answer = self._stored(point)
             if answer is None:
                 with self._recording(self.full.parameters.described(point)):
@@ -338,7 +350,7 @@ class _Solver:
 
     def _histories(self, paths: Sequence[Path]) -> Iterator[History]:
         parameters = self.full.parameters
-        for number, path in enumerate(self.progress(paths), start=1):
+        for number, path in enumerate(self.full.group.in_step(lambda: self.progress(paths), PROGRESS), start=1):
             _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
             end = parameters.described(parameters.point(path[-1][1]))
             history = None
@@ -379,6 +391,7 @@ def spread_snapshots(
     group = group_of(comm)
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
+    group.agreed("a training", lambda: asked_for(queries))
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
     with group.each("solving for snapshots"):

@@ -147,6 +147,8 @@ def reduce(
         if fallback and len(norms := target.of) > 1:
             raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
         kept, store, arrays = _opened(folder, full)
+    asked = full.scene, error, of, budget, fallback, seed
+    group_of(comm).agreed("a search", lambda: [f"a model of scene '{full.scene.name}'", repr(asked)])
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
     context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
