@@ -30,8 +30,9 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, ro
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts, unresisted
 from hhr_dolfinx.full_order.stress import stress_in_cells
+from hhr_dolfinx.full_order.system import middle_stiffness
 from hhr_dolfinx.loads import Assembler, Load, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
@@ -243,6 +244,8 @@ class Discretisation(DiscreteSpace):
         bodies = self.group.joined(self.cell_bodies())
         loose = problem.movable if self.springs is None else problem.movable & (self.springs == 0)
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose, problem.followers)
+        if free and self.scene.system is not None:
+            free = unresisted(free, problem, middle_stiffness(problem, self.scene.system))
         if free:
             if "kernel" not in registry.named("tools"):
                 raise NotSolvableError(
