@@ -78,7 +78,6 @@ class RowsOfRanks(Rows):
 
     def largest(self, values: np.ndarray) -> tuple[int, float]:
         """See :class:`Rows`."""
-        self.check(values)
         place = int(values.argmax()) if values.size else 0
         best = (float(values[place]), -(place + self.own.start)) if values.size else (-np.inf, 0)
         value, place = max(self.comm.allgather(best))
@@ -94,7 +93,6 @@ class RowsOfRanks(Rows):
 
     def norms(self, table: np.ndarray) -> np.ndarray:
         """See :class:`Rows`."""
-        self.check(table)
         return np.sqrt(self.sum(np.einsum("nk,nk->k", table, table)))
 
     def orthonormal(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

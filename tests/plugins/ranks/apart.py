@@ -44,7 +44,7 @@ def tables(full):
         "whole tables": lambda: rows.whole(whole),
         "a whole table on one rank": lambda: rows.whole(whole if LAST else own),
         "more columns on one rank": lambda: rows.whole(own[:, : 2 - LAST]),
-        "norms": lambda: rows.norms(whole),
+        "orthonormal": lambda: rows.orthonormal(whole),
         "rows at": lambda: rows.at(whole, np.array([0, 3])),
         "product": lambda: full.problem.stiffness_of_rows @ whole,
     }
