@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, identity
 from ufl.core.expr import Expr
 
-from hhr_dolfinx import registry
+from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
@@ -116,7 +116,7 @@ class Discretisation(DiscreteSpace):
             elif not mean:
                 moduli = self.constant(body.young), self.constant(body.poisson)
                 parts.append(elasticity.stiffness(*functions, *moduli, scene.hypothesis, dx))
-        return fem.form(sum(parts))
+        return compat.jitted(fem.form, sum(parts))
 
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
