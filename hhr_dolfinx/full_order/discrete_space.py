@@ -127,7 +127,9 @@ class DiscreteSpace(ABC):
         means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
         dx = ufl.dx(self.mesh, metadata={"quadrature_degree": self.gauss_degree})
         volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
-        change, size = (fem.assemble_vector(compat.jitted(fem.form, form * dx)).array for form in (field * volume, volume))
+        change, size = (
+            fem.assemble_vector(compat.jitted(fem.form, form * dx)).array for form in (field * volume, volume)
+        )
         own = means.function_space.dofmap.index_map.size_local
         means.x.array[:own] = change[:own] / size[:own]
         return means

@@ -152,16 +152,9 @@ class FullModel(AnsweringModel, ElasticFields):
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
         return self.stiffness.response
 
-    def solve(self, mu: PointLike, **how: Any) -> Answer:
-        """Answer one parameter, see :meth:`AnsweringModel.solve`; the same on all ranks, or RankError on all."""
-        if self.group.size > 1:
-            self._agree("solve", lambda: self.parameters.point(mu)[None], **how)
-        return super().solve(mu, **how)
-
     def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
         """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks."""
-        if self.group.size > 1:
-            self._agree("solve_many", lambda: self.parameters.points(points), **how)
+        self.agree("solve_many", lambda: self.parameters.points(points), **how)
         return super().solve_many(points, **how)
 
     def march(
@@ -184,7 +177,7 @@ class FullModel(AnsweringModel, ElasticFields):
             return np.array([(time, *point) for time, point in checked])
 
         if self.group.size > 1:
-            self._agree("march", steps, settings=settings)
+            self.agree("march", steps, settings=settings)
         else:
             steps()
         if self.equilibrium is not None:
@@ -198,8 +191,10 @@ class FullModel(AnsweringModel, ElasticFields):
             return self.follow(checked, settings, known=known, keep=keep_small)
         return solve_along(self, checked, settings, known=known, keep=keep_small)
 
-    def _agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
+    def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
         """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""
+        if self.group.size == 1:
+            return
 
         def asked() -> list[str | np.ndarray]:
             table = points()

@@ -98,7 +98,9 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     recovered: dict[tuple[int, int], Any] = {}
     for i, j in [(0, 0), (1, 1), (2, 2), (0, 1), *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else [])]:
         component = fem.Function(scalars)
-        component.x.array[:] = _projected(mass, fem.assemble_vector(compat.jitted(fem.form, weight * sigma[i, j] * test * dx)).array)
+        component.x.array[:] = _projected(
+            mass, fem.assemble_vector(compat.jitted(fem.form, weight * sigma[i, j] * test * dx)).array
+        )
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
     names = scene.parameters.names

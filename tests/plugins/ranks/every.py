@@ -146,7 +146,9 @@ def csv_numbers(path):
 
 
 def page(work):
-    hhr.write_model_page(work.folder / "page.html", work.model, hhr.scenery_of(hhr.FullOrderModel(pair(), MPI.COMM_SELF)))
+    hhr.write_model_page(
+        work.folder / "page.html", work.model, hhr.scenery_of(hhr.FullOrderModel(pair(), MPI.COMM_SELF))
+    )
     return [len((work.folder / "page.html").read_text()) > 1000]
 
 
@@ -211,12 +213,16 @@ FUNCTIONS = {
     ],
     "reduce": lambda work: work.solved(hhr.reduce(pair(), 0.01)),
     "save_model": lambda work: [work.file.stat().st_size > 0],
-    "slide": lambda work: hhr.slide(pressed_pair("plane_strain", BODIES, cells=2, matching=False, openings=())).solve(
-        {"push": 0.03, "slide": 0.0, "load": 0.05, "gap": 0.005}
-    ).forces(),
+    "slide": lambda work: (
+        hhr.slide(pressed_pair("plane_strain", BODIES, cells=2, matching=False, openings=()))
+        .solve({"push": 0.03, "slide": 0.0, "load": 0.05, "gap": 0.005})
+        .forces()
+    ),
     "spread_snapshots": lambda work: hhr.spread_snapshots(work.training.full_order, work.points, COMM).forces,
     "study_scene": study,
-    "to_pandas": lambda work: hhr.to_pandas(work.model, work.points, outside="ignore").select_dtypes("number").to_numpy(),
+    "to_pandas": lambda work: (
+        hhr.to_pandas(work.model, work.points, outside="ignore").select_dtypes("number").to_numpy()
+    ),
     "to_xarray": lambda work: hhr.to_xarray(work.model, work.points, outside="ignore")["forces"].to_numpy(),
     "train": lambda work: work.training.snapshots.forces,
     "write_answers": written,
