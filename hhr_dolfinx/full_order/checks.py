@@ -9,6 +9,7 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from dolfinx import mesh as dmesh
 
 from hhr_dolfinx import compat, registry
@@ -342,7 +343,8 @@ def check_regular(
     """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always detect.
 
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits with free rigid motions. ``solve`` is by the factors of the local rows of K.
+    times as stiff as others, and all digits with free rigid motions. ``solve`` is by the
+    factors of the local rows of K.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
     found = problem.spread.whole(solve(stiffness @ known * problem.held[problem.rows]))
