@@ -9,8 +9,8 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 from dolfinx import mesh as dmesh
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitudes
