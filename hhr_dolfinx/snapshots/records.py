@@ -288,7 +288,7 @@ def _are_paths(queries: object) -> bool:
         return True
 
 
-def asked_for(queries: PointsLike | Sequence[Path]) -> list[str | np.ndarray]:
+def asked_for(queries: Any) -> list[str | np.ndarray]:
     """Words and values of queries, which must be the same on all ranks that share them."""
     if not _are_paths(queries):
         return [f"{len(queries)} points", np.array(queries, dtype=float)]

@@ -177,8 +177,8 @@ def _trained(
     with group.each("checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
-    given = [] if chooses_itself(queries) else asked_for(queries)[1:]
-    group.agreed("a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *given])
+    values = [] if chooses_itself(queries) else asked_for(queries)[1:]
+    group.agreed("a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values])
     with log.stage("full_order"):
         full = _full_model(scene, group, together, queries, log)
     with group.each("opening the folder of answers"):
