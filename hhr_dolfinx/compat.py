@@ -18,10 +18,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hhr_dolfinx import solver_first
-from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, SceneError
+from hhr_dolfinx.errors import FileError, MissingPackageError, ModelFileWarning, SceneError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     """Result of a geometry: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
+T = TypeVar("T")
 _log = logging.getLogger(__name__)
 MINIMUM_DOLFINX = (0, 9)
 
@@ -198,6 +199,29 @@ def _kinds_of_cells(model: Any) -> set[int]:
     dim = max((group[0] for group in groups), default=0)
     entities = {entity for d, tag in groups if d == dim for entity in model.getEntitiesForPhysicalGroup(d, tag)}
     return {int(kind) for entity in entities for kind in model.mesh.getElements(dim, entity)[0]}
+
+
+def jitted(compiler: Callable[..., T], *given: Any) -> T:
+    """Form or expression that FFCx compiles: ``compiler`` is ``fem.form`` or ``fem.Expression``.
+
+    FFCx marks what it compiles by a file. If a run is killed meanwhile the file is left, and later runs wait for it.
+
+    Raises:
+        FileError: with the files to remove, if FFCx has waited in vain.
+    """
+    try:
+        return compiler(*given)
+    except (TimeoutError, RuntimeError) as error:  # on several ranks the latter
+        from dolfinx.jit import get_options
+
+        folder = Path(get_options()["cache_dir"])
+        left = [path for path in folder.glob("libffcx_*.c") if not path.with_suffix(".c.cached").exists()]
+        if "JIT" not in str(error) or not left:
+            raise
+        raise FileError(
+            f"a form waits for another run that compiles it, or that was killed meanwhile ({error}). If no other run "
+            f"compiles now, remove {', '.join(map(str, left))}, and run again"
+        ) from error
 
 
 def interpolation_points(element: FiniteElement) -> np.ndarray:

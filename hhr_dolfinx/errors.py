@@ -77,7 +77,7 @@ class ConformanceError(HHRError, AssertionError):
 
 
 class RankError(HHRError):
-    """Another rank failed with an error that is not one of this package."""
+    """Another rank failed with an error that is not one of this package, or ranks were given different things."""
 
 
 class MissingPackageError(HHRError, ImportError):

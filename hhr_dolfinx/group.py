@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -77,6 +77,24 @@ class Group:
         """Run a collective block; if it fails on some processes only, the run is ended on all."""
         return nullcontext()
 
+    def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
+        """Compare what each process is asked for: words of it, then its values; ``call`` makes them, or refuses.
+
+        Raises:
+            RankError: on all processes, if these are asked for different things.
+        """
+
+    def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
+        """Iterate over the same items on all processes; if code of the user that wraps them fails on one, all raise."""
+        return iter(items())
+
+    def ending(self, task: str) -> Callable[[int, str], bool]:
+        """Prepare the end of a program, of which each process calls the result with its exit code and last words.
+
+        It returns True to the process that says its words, and ends the others if they wait for one that has failed.
+        """
+        return lambda code, words: True
+
     def shared_out(self, count: int, work: Callable[[int], T], task: str) -> list[T]:
         """Distribute ``count`` tasks, and gather all results on every process."""
         return [work(number) for number in range(count)]
@@ -112,3 +130,9 @@ def group_of(comm: Comm | Group) -> Group:
         return Group(comm)
     several: Group = registry.tool("group", f"work on {comm.size} ranks")(comm)
     return several
+
+
+def launched() -> Group:
+    """All processes that a launcher started; each is alone if no plug-in serves several."""
+    comm = world()
+    return ALONE if comm is None or (comm.size > 1 and registry.offered("group") is None) else group_of(comm)

@@ -1,4 +1,7 @@
-"""A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a parameter, K + k M."""
+"""A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a parameter, K + k M.
+
+On several ranks each has its rows of K and M, (own, N), and of the loads, (own,).
+"""
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -18,13 +21,13 @@ class Foundation(System):
         rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
         entries = np.asarray(csr_matrix(problem.mass)[rows, own.indices]).ravel()
         self.mass = csr_matrix((entries, own.indices, own.indptr), shape=own.shape)
-        self.pulled = csc_matrix(self.mass @ problem.lifts).multiply(problem.free[:, None]).tocsc()
+        self.pulled = csc_matrix(self.mass @ problem.lifts).multiply(problem.free[problem.rows][:, None]).tocsc()
 
     def equations(self, point, theta):
         problem, k = self.problem, point[self.axis]
         own = problem.own_stiffness
         matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
-        return problem, self.made(matrix, problem), problem.loads @ theta - k * (self.pulled @ theta)
+        return problem, self.made(matrix, problem), problem.loads[problem.rows] @ theta - k * (self.pulled @ theta)
 
     def explicit(self, point, forces, unknown):
         left, slack = super().explicit(point, forces, unknown)

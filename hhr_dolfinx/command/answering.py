@@ -96,7 +96,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 
         with model.strains.paused():
             answer = model.solve(point, **step)
-        model.strains.check(model, SnapshotSet.of_answers([answer]))
+        model.strains.check(model, SnapshotSet.of_answers([answer], rows=model.spread))
     rows = {f"{name}, middle of its box": value for name, value in point.items()} if middle else {}
     rows |= {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import sys
+import traceback
 import warnings
 from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from functools import wraps
 from typing import Any
 
 from hhr_dolfinx.compat import explained, extra
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.group import world
+from hhr_dolfinx.group import launched, world
 
 with extra("study", "the command hhr"):
     import click
@@ -34,16 +37,34 @@ def guarded(command: Command, kept: str = "") -> Command:
             # FFCx 0.9 does so when it is loaded, and would replace the handler that is set here
             logging.captureWarnings(True)
             warnings.showwarning = _once()
+            end = launched().ending(f"hhr {command.__name__}")
             try:
-                return command(*args, **kwargs)
-            except KeyboardInterrupt:
-                _say("interrupted" + kept)
-                sys.exit(INTERRUPTED)
-            except Exception as error:
-                _say(f"error: {_explained(error)}")
-            sys.exit(REFUSED)
+                with nullcontext() if first_rank() else redirect_stdout(io.StringIO()):
+                    result = command(*args, **kwargs)
+            except BaseException as error:
+                code, words = _last_words(error, kept)
+                if end(code, words or traceback.format_exc()) and words:
+                    click.echo(words, err=True)
+                if not words:  # a fault of this package, or an exit with words of click
+                    raise
+                sys.exit(code)
+            end(0, "")
+            return result
 
     return run
+
+
+def _last_words(error: BaseException, kept: str) -> tuple[int, str]:
+    """Exit code and sentence of what ended a command; no sentence for a fault of this package and for exits."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, "interrupted" + kept
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else int(error.code is not None), ""
+    if isinstance(error, click.exceptions.Exit | click.ClickException):
+        return error.exit_code, ""
+    if isinstance(error, Exception) and (words := _explained(error)):
+        return REFUSED, f"error: {words}"
+    return 1, ""
 
 
 def resumable(command: Command) -> Command:
@@ -52,7 +73,7 @@ def resumable(command: Command) -> Command:
 
 
 def _explained(error: Exception) -> str:
-    """Message of an error, with its position if it comes from a file of the user; a fault of this package is raised."""
+    """Message of an error, with its position if it comes from a file of the user; empty for a fault of this package."""
     from hhr_dolfinx.by_name import place_of
 
     if isinstance(error, ModuleNotFoundError):
@@ -60,9 +81,7 @@ def _explained(error: Exception) -> str:
     place = place_of(error)
     if isinstance(error, HHRError):
         return f"{place}: {error}" if place else str(error)
-    if not place:
-        raise error
-    return f"{place}: {type(error).__name__}: {error}"
+    return f"{place}: {type(error).__name__}: {error}" if place else ""
 
 
 def _once() -> Callable[..., None]:

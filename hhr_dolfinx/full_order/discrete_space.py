@@ -105,7 +105,7 @@ class DiscreteSpace(ABC):
 
     @cached_property
     def _mass_form(self):
-        return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
+        return compat.jitted(fem.form, elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
 
     def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
         """Local rows of a matrix, (own dofs, N); the matrix is destroyed. Collective.
@@ -129,7 +129,9 @@ class DiscreteSpace(ABC):
         means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
         dx = ufl.dx(self.mesh, metadata={"quadrature_degree": self.gauss_degree})
         volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
-        change, size = (fem.assemble_vector(fem.form(form * dx)).array for form in (field * volume, volume))
+        change, size = (
+            fem.assemble_vector(compat.jitted(fem.form, form * dx)).array for form in (field * volume, volume)
+        )
         own = means.function_space.dofmap.index_map.size_local
         means.x.array[:own] = change[:own] / size[:own]
         return means
@@ -259,7 +261,7 @@ class DiscreteSpace(ABC):
         return self.group.joined(numbers.reshape(local.shape))
 
     def _assemble_vector(self, form):
-        vector = fem_petsc.assemble_vector(fem.form(form))
+        vector = fem_petsc.assemble_vector(compat.jitted(fem.form, form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         whole = self.group.joined(vector.array)
         vector.destroy()

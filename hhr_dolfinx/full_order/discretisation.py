@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, identity
 from ufl.core.expr import Expr
 
-from hhr_dolfinx import registry
+from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
@@ -32,8 +32,9 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts, unresisted
 from hhr_dolfinx.full_order.stress import stress_in_cells
+from hhr_dolfinx.full_order.system import middle_stiffness
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
@@ -117,7 +118,7 @@ class Discretisation(DiscreteSpace):
             elif not mean:
                 moduli = self.constant(body.young), self.constant(body.poisson)
                 parts.append(elasticity.stiffness(*functions, *moduli, scene.hypothesis, dx))
-        return fem.form(sum(parts))
+        return compat.jitted(fem.form, sum(parts))
 
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
@@ -259,6 +260,8 @@ class Discretisation(DiscreteSpace):
         bodies = self.group.joined(self.cell_bodies())
         loose = problem.movable if self.springs is None else problem.movable & (self.springs == 0)
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose, problem.followers)
+        if free and self.scene.system is not None:
+            free = unresisted(free, problem, middle_stiffness(problem, self.scene.system))
         if free:
             if "kernel" not in registry.named("tools"):
                 raise NotSolvableError(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -16,10 +17,10 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import HHRError, NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import System, system_of
+from hhr_dolfinx.full_order.system import System, check_parts, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -65,10 +66,11 @@ class FullOrderModel(FullModel):
     system: System
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
-        if not isinstance(scene, Scene):
-            raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         self.group = group_of(comm)
+        self.group.agreed("building a full model", self._asked)
+        if not isinstance(scene, Scene):
+            raise SceneError(f"{scene!r} is no scene: give a Scene")
         with self.group.together(f"building the full model of scene '{scene.name}'"):
             if scene.reader:
                 given = with_laws(scene)
@@ -85,6 +87,10 @@ class FullOrderModel(FullModel):
         guard = registry.offered("small_strains") or Guard
         self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
+    def _asked(self) -> list[str | np.ndarray]:
+        """Words of the scene, which must be the same on all ranks."""
+        return [f"scene '{getattr(self.scene, 'name', self.scene)}'", repr(self.scene)]
+
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
     ) -> None:
@@ -99,13 +105,15 @@ class FullOrderModel(FullModel):
         problem = discretisation.contact_problem(stiffness, moduli)
         if discretisation.reshaped is not None:
             problem = discretisation.reshaped.attached(problem)
-        self.problem = problem = discretisation.checked(problem)
+        with self._of_user():
+            self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
         self.law = problem.law
         few = self.has_room(problem.free.size)
         self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
-        self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
+        with self._of_user():
+            self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of bodies with laws
         # are used for whole load paths
@@ -114,11 +122,13 @@ class FullOrderModel(FullModel):
         last = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         ordering = "mumps" if anew else "qmd"
         self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
-        with self.store.of(problem.own_stiffness) as factors:
-            check_regular(problem, factors.solve, self.scene.name)
         self.stiffness = self._middle()
         if self.scene.system is not None:
-            self._take_parts()
+            with self._of_user():
+                self._take_parts()
+        matrix = self.stiffness.matrix
+        with self.store.of(matrix) as factors:
+            check_regular(problem, matrix, factors.solve, self.scene.name)
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
         self.pairs = Pairs.of(problem.contact_pairs)
@@ -128,7 +138,14 @@ class FullOrderModel(FullModel):
 
     def _take_parts(self) -> None:
         """Make a user-defined system readable for reductors: K in the middle of the box, and parts of the problem."""
-        stiffness = self.system.at(self.problem.middle).stiffness
+        at = self.system.at(self.problem.middle)
+        stiffness = at.stiffness
+        own = self.problem.rows.stop - self.problem.rows.start
+        if at.loads.shape != (own,):
+            raise SceneError(
+                f"loads of the system of scene '{self.scene.name}' have the shape {at.loads.shape}: those of the "
+                f"{own} local rows are needed, problem.spread.of(loads)"
+            )
         if not isinstance(stiffness, SparseStiffness):
             raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
         self.stiffness = stiffness
@@ -141,6 +158,24 @@ class FullOrderModel(FullModel):
         self.problem = replace(
             problem, moduli=moduli, stiffness_terms=matrices, lift_terms=lifted if moduli else (), loads=loads
         )
+        if matrices:
+            check_parts(self.system, self.problem, self.scene.name)
+
+    @contextmanager
+    def _of_user(self) -> Iterator[None]:
+        """On several ranks errors of a user-defined system name the ranks; on one they keep their traceback."""
+        try:
+            yield
+        except HHRError:
+            raise
+        except Exception as error:
+            if self.scene.system is None or self.group.size == 1:
+                raise
+            raise SceneError(
+                f"the system of scene '{self.scene.name}' fails on {self.group.size} ranks, {type(error).__name__}: "
+                f"{error}. Each rank has some rows: K (own, N) and loads (own,) of problem.rows are needed; or solve "
+                "on one rank, FullOrderModel(scene, MPI.COMM_SELF)"
+            ) from error
 
     def _middle(self, **known: Any) -> SparseStiffness:
         """K in the middle of the box; ``response`` and S may be given if they are known."""
@@ -222,7 +257,9 @@ class FullOrderModel(FullModel):
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         start = None if isinstance(start, str) else start
-        answer = self.system.answer(point, start, self.pairs, self, gradient)
+        user_code = self.scene.system is not None
+        with self.group.together(f"solving scene '{self.scene.name}'") if user_code else nullcontext():
+            answer = self.system.answer(point, start, self.pairs, self, gradient)
         self.strains.look(answer)
         return answer
 

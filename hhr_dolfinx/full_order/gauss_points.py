@@ -86,7 +86,9 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
             # a grading that is a number has no mesh
             plain = abs(ufl.JacobianDeterminant(mesh))
             parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
-            graded, size = (fem.Expression(part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts)
+            graded, size = (
+                compat.jitted(fem.Expression, part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts
+            )
             found[own] = (graded / size).reshape(len(own), len(weights))
     return found
 
@@ -99,9 +101,11 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
     hypothesis = discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
     points, weights = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
-    table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
+    table = compat.jitted(fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
-    volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
+    volumes = weights * compat.jitted(fem.Expression, measure, points).eval(mesh, cells).reshape(
+        len(cells), len(weights)
+    )
     dim = mesh.geometry.dim
     blocks = space.dofmap.list[cells]
     # all sizes are given, since a rank may have no such cell

@@ -28,7 +28,7 @@ def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, poi
     stress = fem.Function(constants)
     for place, body in enumerate(scene.bodies):
         sigma = stress_in_body(discretisation, place, field, point)
-        stress.interpolate(fem.Expression(sigma, points), discretisation.cells_of(body.tag))
+        stress.interpolate(compat.jitted(fem.Expression, sigma, points), discretisation.cells_of(body.tag))
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
     return _kelvin(discretisation.group.joined(values), mesh.geometry.dim)

@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
 
 
+ROUND_OFF_OF_PARTS = 1e-9
+"""Relative difference of the equations of a system from the sum of its parts up to which it is round-off."""
+
+
 @dataclass(eq=False, slots=True)  # one for each query
 class SystemAt:
     """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions)."""
@@ -202,6 +206,47 @@ class SummedSystem(_OfParts):
         weights = problem.weights(point)
         stiffness = self._kept(weights, lambda weights: self.made(problem.stiffness_of(weights), problem))
         return problem, stiffness, problem.loads_of(weights)[problem.rows] @ theta
+
+
+def middle_stiffness(problem: ContactProblem, given: Callable[..., Any]) -> csr_matrix:
+    """Local rows of K of a user-defined system in the middle of the box, (own, N), before its kernel is known."""
+    system = system_of(problem, given, lambda: problem.own_stiffness, lambda matrix, _: matrix)
+    found: Any = system.at(problem.middle).stiffness
+    return found
+
+
+def check_parts(system: System, problem: ContactProblem, name: str) -> None:
+    """Compare K, loads and contact of a user-defined system at two points with those of its parts in a problem.
+
+    Reductors read the parts and answer by them alone.
+
+    Raises:
+        SceneError: if they differ by more than round-off.
+    """
+    rows = problem.spread
+    for point in problem.parameters.random(2, seed=1):
+        theta = problem.amplitudes(point)
+        at = system.at(point)
+        weights = problem.weights(point)
+        stiffness: Any = at.stiffness
+        difference = stiffness.matrix - problem.stiffness_of(weights)
+        loads = problem.loads_of(weights)[problem.rows] @ theta
+        terms = [problem.external, *problem.lift_terms]
+        size = sum(abs(w) * np.abs(term[problem.rows] @ theta) for w, term in zip([1.0, *weights], terms, strict=True))
+        pairs = {
+            "K": (difference.data, stiffness.matrix.data),
+            "the loads": (at.loads - loads, size),
+            "B": ((at.problem.contact - problem.contact).data, problem.contact.data),
+            "the gaps": (at.gaps - problem.gaps @ theta, np.append(problem.gaps @ theta, 1.0)),
+        }
+        for what, (off, whole) in pairs.items():
+            error, scale = np.sqrt(rows.sum(np.array([off @ off, whole @ whole])))
+            if not error <= ROUND_OFF_OF_PARTS * scale:
+                raise SceneError(
+                    f"the system of scene '{name}' states parts, and {what} of its equations differ from their sum by "
+                    f"{error / scale if scale else np.inf:.2g} of it at {problem.parameters.described(point)}: "
+                    "reductors read the parts alone. State all that depends on parameters there, or return None"
+                )
 
 
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:

@@ -16,6 +16,7 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx import compat
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -91,7 +92,7 @@ def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, fl
     averaged = {place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]}
     ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
     if ordinary:
-        fem_petsc.assemble_matrix(matrix, fem.form(sum(ordinary)))
+        fem_petsc.assemble_matrix(matrix, compat.jitted(fem.form, sum(ordinary)))
     if averaged:
         add_stiffness(discretisation, matrix, averaged)
     matrix.assemble()

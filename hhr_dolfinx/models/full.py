@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path
+from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, SeveralAnswers
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
-    from hhr_dolfinx.parameters import PointLike
+    from hhr_dolfinx.parameters import PointLike, PointsLike
 
 
 _log = logging.getLogger(__name__)
@@ -152,6 +152,11 @@ class FullModel(AnsweringModel, ElasticFields):
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
         return self.stiffness.response
 
+    def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
+        """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks."""
+        self.agree("solve_many", lambda: self.parameters.points(points), **how)
+        return super().solve_many(points, **how)
+
     def march(
         self,
         path: Path,
@@ -164,8 +169,17 @@ class FullModel(AnsweringModel, ElasticFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is called with each new one.
         """
-        check_settings(settings)
-        checked = checked_path(self.parameters, path)
+        checked: Path = []
+
+        def steps() -> np.ndarray:
+            check_settings(settings)
+            checked[:] = checked_path(self.parameters, path)
+            return np.array([(time, *point) for time, point in checked])
+
+        if self.group.size > 1:
+            self.agree("march", steps, settings=settings)
+        else:
+            steps()
         if self.equilibrium is not None:
             return self.equilibrium.march(checked, settings, known=known, keep=keep)
 
@@ -176,6 +190,20 @@ class FullModel(AnsweringModel, ElasticFields):
         if self.law.remembers:
             return self.follow(checked, settings, known=known, keep=keep_small)
         return solve_along(self, checked, settings, known=known, keep=keep_small)
+
+    def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
+        """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""
+        if self.group.size == 1:
+            return
+
+        def asked() -> list[str | np.ndarray]:
+            table = points()
+            last = self.parameters.described(table[-1][-len(self.parameters.names) :]) if len(table) else "no point"
+            words = f"{call} at {last}" if len(table) < 2 else f"{call} at {len(table)} points, the last {last}"
+            values = (item if isinstance(item, np.ndarray) else f"{name}={item!r}" for name, item in how.items())
+            return [words, table, *values]
+
+        self.group.agreed(f"the full model of scene '{self.scene.name}'", asked)
 
     @abstractmethod
     def gathered(self) -> FullModel:

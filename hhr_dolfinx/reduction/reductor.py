@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -18,11 +17,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 import numpy as np
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
-from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
 from hhr_dolfinx.errors import (
-    ClaimError,
     HHRError,
     NotOfferedError,
     NotSolvableError,
@@ -34,6 +32,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+from hhr_dolfinx.reduction.claims import check_claim
 from hhr_dolfinx.reduction.interface import bodies_of
 from hhr_dolfinx.registry import Way
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
@@ -49,12 +48,6 @@ MOST_TRAINING_COMPARED = 50
 """Approximate number of training solutions that are compared if none were held out."""
 SURE = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
-MOST_SURE = 4
-"""Held-out answers with which such a model is compared at most: one that is not exact is off nearly everywhere."""
-ROUND_OFF = 1e-6
-"""Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
-OF_STEPS = 1e-3
-"""The same for single answers of laws that remember: round-off may change the increments that lead to them."""
 POINTS = (32, 64, 128, 256, 512)
 PATHS = (8, 16, 32)
 """Training points and paths of the models that a search tries; each training has twice as many as the one before."""
@@ -336,69 +329,17 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
 
 
 def _check_claim(reductor: Any, task: Task, model: Any) -> None:
-    """Compare a model that calls itself exact with validation answers, or else with fresh ones; of paths, training."""
-    if not model.fields.exact or isinstance(model, FullModel):
+    """Compare what a model claims with validation answers, or else with training; exactness with fresh answers."""
+    if isinstance(model, FullModel):
         return
     full = task.full
     known = task.held_out
-    if known is None and (full.law.remembers or full.equilibrium is not None):
+    if known is None and (not model.fields.exact or full.law.remembers or full.equilibrium is not None):
         known = task.snapshots
     elif known is None and task.sure:
         known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
     if known is not None:
         check_claim(_name_of(reductor), full, model, known)
-
-
-def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
-    """Compare a model that calls itself exact with some answers of the full one: exactness is no property of a class.
-
-    Displacements and loads of the contact forces, B^T λ, are compared: forces of equivalent conditions, and
-    displacements of bodies with rigid motions, may have several values.
-
-    Raises:
-        ClaimError: if they differ by more than round-off.
-    """
-    problem = full.problem
-    pairs = list(_pairs_of(full, model, known))
-    loads = [problem.contact.T @ forces for _, forces, _, _ in pairs]
-    sizes = [mass_norm(problem, displacement) for displacement, *_ in pairs]
-    limit = ROUND_OFF if not full.law.remembers or known.histories else OF_STEPS
-    for number, (displacement, _, answer, label) in enumerate(pairs):
-        off = np.inf
-        if answer is not None:
-            off = _part(np.linalg.norm(problem.contact.T @ answer.forces() - loads[number]), loads)
-            if not problem.held_by_contact:
-                off = max(off, _part(mass_norm(problem, answer.displacement() - displacement), sizes))
-        if not off <= limit:
-            raise ClaimError(
-                f"{name}: its model calls itself exact and is off by {off:.3g} at {label}: claim less, or refuse "
-                "the scene"
-            )
-
-
-def _part(off: float, sizes: Sequence[Any]) -> float:
-    """Error over the largest of some vectors or norms."""
-    largest = max(float(np.linalg.norm(size)) for size in sizes)
-    return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)
-
-
-def _pairs_of(full: FullModel, model: Any, known: SnapshotSet) -> Iterator[tuple[np.ndarray, np.ndarray, Any, str]]:
-    """Displacement and forces of known answers, the answer of the model, None if it has none, and where."""
-    problem = full.problem
-    for number, history in enumerate(known.histories[:1]):
-        found: list[Any] = [None] * len(history.answers)
-        with suppress(HHRError):
-            found = retraced(model, history).answers
-        for here, there in zip(found, history.answers, strict=True):
-            yield there.displacement(), there.forces(), here, f"t = {there.time:g} s of history {number}"
-    count = 0 if known.histories else len(known.points)
-    for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
-        point = known.points[place]
-        own = problem.spread.whole(known.displacements[:, place]) + problem.lifts @ problem.amplitudes(point)
-        answer = None
-        with suppress(HHRError):
-            answer = model.solve(point, outside="ignore")
-        yield own, known.forces[:, place], answer, problem.parameters.described(point)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ reduced model is checked, are random, or near parameters with light contact.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -28,6 +28,7 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -112,6 +113,8 @@ _log = logging.getLogger(__name__)
 
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
+PROGRESS = "the progress bar of a training"
+"""Name of what users wrap iterations in, for messages of ranks."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,8 +151,14 @@ class SnapshotSet(Shown):
         }
 
     @classmethod
-    def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
-        """Make a set of answers of a full model, one column each."""
+    def of_answers(
+        cls, answers: Iterable[Answer], histories: Sequence[History] = (), rows: Rows | None = None
+    ) -> SnapshotSet:
+        """Make a set of answers of a full model, one column each.
+
+        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the local ones are kept.
+        """
+        answers = [item if rows is None else item._replace(unknown=rows.of(item.unknown)) for item in answers]
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
         remembers = registry.memories(of_bodies=True) & answers[0].memory.keys()
@@ -279,6 +288,15 @@ def _are_paths(queries: object) -> bool:
         return True
 
 
+def asked_for(queries: Any) -> list[str | np.ndarray]:
+    """Words and values of queries, which must be the same on all ranks that share them."""
+    if not _are_paths(queries):
+        return [f"{len(queries)} points", np.array(queries, dtype=float)]
+    values = [item for path in queries for pair in path for item in pair]
+    numbers = (list(item.values()) if isinstance(item, Mapping) else item for item in values)
+    return [f"{len(queries)} paths", *(np.array(item, dtype=float) for item in numbers)]
+
+
 @dataclass(frozen=True)
 class _Solver:
     full: FullModel
@@ -290,14 +308,13 @@ class _Solver:
     def solved(self, queries: Any) -> SnapshotSet | None:
         """Answers to the queries; None if none has an answer."""
         full = self.full
+        full.group.agreed("snapshots", lambda: asked_for(queries))
         if not _are_paths(queries):
             full.problem.require_no_memory("a set of snapshots at single parameters")
         with full.group.together("solving for snapshots"):
             if not _are_paths(queries):
-                own = full.problem.spread.of
-                found = self._answers(full.parameters.points(queries))
-                answers = [answer._replace(unknown=own(answer.unknown)) for answer in found]
-                return SnapshotSet.of_answers(answers) if answers else None
+                answers = list(self._answers(full.parameters.points(queries)))
+                return SnapshotSet.of_answers(answers, rows=full.spread) if answers else None
             with told_once("histories"), first_alone():
                 histories = list(self._histories(queries))
             return None if self.lost is not None and not histories else SnapshotSet.of_histories(histories)
@@ -307,7 +324,7 @@ class _Solver:
 
     def _answers(self, points: np.ndarray) -> Iterator[Answer]:
         start: str | np.ndarray = "nearest"
-        for point in self.progress(points):
+        for point in self.full.group.in_step(lambda: self.progress(points), PROGRESS):
             answer = self._stored(point)
             if answer is None:
                 with self._recording(self.full.parameters.described(point)):
@@ -333,7 +350,7 @@ class _Solver:
 
     def _histories(self, paths: Sequence[Path]) -> Iterator[History]:
         parameters = self.full.parameters
-        for number, path in enumerate(self.progress(paths), start=1):
+        for number, path in enumerate(self.full.group.in_step(lambda: self.progress(paths), PROGRESS), start=1):
             _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
             end = parameters.described(parameters.point(path[-1][1]))
             history = None
@@ -374,6 +391,7 @@ def spread_snapshots(
     group = group_of(comm)
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
+    group.agreed("a training", lambda: asked_for(queries))
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
     with group.each("solving for snapshots"):

@@ -5,10 +5,12 @@ import dataclasses
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from scenes import THESIS, block_scene, check_contact_conditions, pressed_block, slope, space
+from dolfinx import jit
+from scenes import THESIS, block_scene, check_contact_conditions, pressed_block, pressed_pair, slope, space
 from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileError
 from hhr_dolfinx.geometries import block
 
 AREAS = {"plane_strain": 1.5, "plane_stress": 1.5, "axisymmetric": np.pi * 1.5**2, "solid": 1.5**2}
@@ -136,3 +138,21 @@ def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
         forces, full = (model.solve(mu * length).forces() / (stress * length) for model in (reduction, full_order))
         assert full == pytest.approx(hertz.solve(mu).forces(), rel=1e-9, abs=1e-9 * reference.max())
         assert forces[inside] == pytest.approx(reference[inside], abs=1e-9 * reference.max())
+
+
+def test_a_killed_compilation_names_the_file_to_remove(tmp_path, monkeypatch):
+    """FFCx marks what it compiles by a file, which a kill leaves: later runs wait for it in vain."""
+
+    def killed(*given, **options):
+        raise KeyboardInterrupt
+
+    scene = pressed_pair("plane_strain", [(10.0, 0.3), (8.0, 0.3)], cells=2)
+    options = jit.get_options() | {"cache_dir": tmp_path, "timeout": 1}
+    monkeypatch.setattr(jit, "get_options", lambda *given: options)
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("ffcx.codegeneration.jit._compile_objects", killed)
+        hhr.FullOrderModel(scene)
+    (left,) = tmp_path.glob("*.c")
+    with pytest.raises(FileError, match="waits for another run that compiles it, or that was killed") as caught:
+        hhr.FullOrderModel(scene)
+    assert f"remove {left}, and run again" in str(caught.value)

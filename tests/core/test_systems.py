@@ -1,17 +1,19 @@
 """A system of a user's own: the full order answers it, and nothing that reads K reduces it as if it were not there."""
 
 import dataclasses
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from scenes import check_alike, largest_difference, pressed_pair
+from scenes import check_alike, largest_difference, lying, pressed_pair, space
 from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
 
@@ -33,11 +35,11 @@ def elastic():
         return hhr.FullOrderModel(scene(system=None))
 
 
-def saddle(problem, point, active):
+def saddle(problem, point, active, mass=None):
     """Displacement without lift and forces for some statuses, (N + m,), by one dense matrix; complex points too."""
     theta, k = problem.amplitudes(point), point[problem.parameters.names.index("k")]
     free, rows = problem.free, problem.contact[active].toarray()
-    stiffness, mass = problem.stiffness.toarray(), problem.mass.toarray()
+    stiffness, mass = problem.stiffness.toarray(), problem.mass.toarray() if mass is None else mass
     whole = np.block([[(stiffness + k * mass)[np.ix_(free, free)], rows[:, free].T],
                       [rows[:, free], np.zeros((len(rows),) * 2)]])  # fmt: skip
     loads = problem.loads @ theta - k * (mass @ (problem.lifts @ theta))
@@ -168,3 +170,71 @@ def test_a_system_with_parts_is_reduced():
     reduced = trained.build(hhr.Recipe(hhr.Pod(1e-12), domain=hhr.Rid(20, 20)).as_it_is())
     for model, off in ((condensed, 1e-5), (reduced, 1e-4)):
         check_alike(full, model, full.parameters.random(6, 1), forces=off, displacement=off)
+
+
+class Understated(Parted):
+    """Parts with half of the foundation."""
+
+    def parts(self):
+        (one, k), matrices = super().parts()
+        return (one, Modulus("k / 2", "1", k.names)), matrices
+
+
+class Pushed(Parted):
+    """Loads that no part states."""
+
+    def equations(self, point, theta):
+        problem, stiffness, loads = super().equations(point, theta)
+        return problem, stiffness, loads + 1e-3 * point[self.axis] * problem.free[problem.rows]
+
+
+class Lifted(Parted):
+    """Gaps that no part states."""
+
+    def equations(self, point, theta):
+        problem, stiffness, loads = super().equations(point, theta)
+        return dataclasses.replace(problem, gaps=1.1 * problem.gaps), stiffness, loads
+
+
+PARTS = {Understated: "K of its equations", Pushed: "the loads of its equations", Lifted: "the gaps of its equations"}
+
+
+@pytest.mark.parametrize("system", PARTS)
+def test_parts_that_are_not_what_is_assembled_are_refused(system):
+    """Reductors read the parts alone: half of the foundation was 31 % off under a bound of 3e-7."""
+    with pytest.raises(SceneError, match=f"states parts, and {PARTS[system]} differ from their sum by"):
+        hhr.FullOrderModel(scene(system=system))
+
+
+class Upright(Foundation):
+    """A foundation along the last axis alone."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        dim = self.problem.block_size
+        self.mass.data[self.mass.indices % dim != dim - 1] = 0.0
+
+
+@pytest.mark.parametrize("system", [Foundation, Upright])
+@needs("floating")
+def test_a_foundation_holds_a_body_that_nothing_else_holds(system):
+    """Displacement and forces of the dense saddle matrix: its kernel is that of K with the foundation.
+
+    Motions sideways, which Upright leaves and no load drives, are those of least size.
+    """
+    box = space(p=(1.0, 10.0), k=(1.0, 20.0))
+    with pytest.warns(hhr.errors.SceneWarning):
+        bare = hhr.FullOrderModel(lying(cells=(4, 2), parameters=box)).problem
+    warned = pytest.warns(hhr.errors.SceneWarning) if system is Upright else nullcontext()
+    with warned:
+        full = hhr.FullOrderModel(lying(cells=(4, 2), parameters=box, system=system))
+    mass = full.system.mass.toarray()
+    for point in full.parameters.random(3, 1):
+        answer = full.solve(point)
+        expected = saddle(bare, point, answer.active, mass)
+        if system is Upright:
+            idle = full.problem.kernel.idle
+            assert idle.shape[1] == 1
+            expected[: len(idle)] -= idle @ (idle.T @ expected[: len(idle)])
+        assert answer.forces().sum() > 0.1
+        assert largest_difference(np.append(answer.unknown, answer.multipliers), expected) <= 1e-8

@@ -15,6 +15,7 @@ from toy_reductor import DenseCondensation
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import errors, registry
+from hhr_dolfinx.models.estimates import NUMBERS, Estimate
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.reduction import build as building
 from hhr_dolfinx.reduction.exact import ExactCondensation
@@ -123,6 +124,49 @@ def test_a_claim_that_the_comparison_denies_is_refused_by_name(training, liar, h
     apart = training if held_out else replace(training, held_out=None)
     with pytest.raises(errors.ClaimError, match="Lying: its model calls itself exact and is off by"):
         apart.build(liar)
+
+
+class Bounding(GalerkinFields):
+    """Fields with an estimate of their own: one of its numbers is far too small, the others are honest."""
+
+    kind = "bound"
+    said: ClassVar[dict[str, float]] = {}
+
+    def estimate(self, answer):
+        honest = dict.fromkeys(NUMBERS, 1e3)
+        return Estimate(self.kind, **(honest | self.said))
+
+
+def bounding(kind="bound", **said):
+    """Few modes, with fields that say an estimate of this kind."""
+    return Lying(fields=type("Bounding", (Bounding,), {"kind": kind, "said": said}))
+
+
+BOUNDS = {
+    "primal": "displacement in energy", "primal_relative": "displacement in energy, relative",
+    "forces_euclid": "contact forces", "forces_euclid_relative": "contact forces, relative", "pressure": "pressure",
+    "pressure_relative": "pressure, relative",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("number", BOUNDS)
+def test_a_bound_that_an_answer_exceeds_is_refused(training, number):
+    """Held-out answers deny it, or training ones without these; an estimate of the same numbers is no claim."""
+    for apart in (training, replace(training, held_out=None)):
+        with pytest.raises(errors.ClaimError, match=f"a bound of 1e-12 of the {BOUNDS[number]}, and the error is"):
+            apart.build(bounding(**{number: 1e-12}))
+    assert training.build(bounding("estimate", **{number: 1e-12})).offline.comparison is not None
+
+
+def test_a_bound_of_an_output_that_an_answer_exceeds_is_refused():
+    scene = pair(outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),))
+    training = hhr.train(scene, hhr.Sobol(16), held_out=4)
+    with pytest.raises(errors.ClaimError, match="a bound of 1e-12 of the force, and the error is"):
+        training.build(bounding(outputs={"force": 1e-12}))
+
+
+def test_a_bound_that_holds_is_granted(training):
+    assert training.build(bounding()).offline.comparison is not None
 
 
 def test_a_claim_that_is_true_is_granted(training):

@@ -23,10 +23,6 @@ from hhr_dolfinx.plugins.checks.mesh import MeshLook
 from hhr_dolfinx.scene import Scene
 
 with extra("pictures", "pictures of scenes and answers"):
-    import matplotlib
-
-    matplotlib.use("Agg")
-
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.figure import Figure

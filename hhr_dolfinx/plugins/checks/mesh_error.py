@@ -18,6 +18,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import cg
 from ufl.core.expr import Expr
 
+from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -93,11 +94,13 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
     trial = ufl.TrialFunction(scalars)
     test = ufl.TestFunction(scalars)
-    mass = csr_matrix(fem.assemble_matrix(fem.form(weight * trial * test * dx)).to_scipy())
+    mass = csr_matrix(fem.assemble_matrix(compat.jitted(fem.form, weight * trial * test * dx)).to_scipy())
     recovered: dict[tuple[int, int], Any] = {}
     for i, j in [(0, 0), (1, 1), (2, 2), (0, 1), *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else [])]:
         component = fem.Function(scalars)
-        component.x.array[:] = _projected(mass, fem.assemble_vector(fem.form(weight * sigma[i, j] * test * dx)).array)
+        component.x.array[:] = _projected(
+            mass, fem.assemble_vector(compat.jitted(fem.form, weight * sigma[i, j] * test * dx)).array
+        )
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
     names = scene.parameters.names
@@ -105,7 +108,7 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     if body.grading is not None:  # a factor of the modulus
         weight = weight / body.grading(ufl.SpatialCoordinate(mesh))
     error, size = (
-        float(np.real(fem.assemble_scalar(fem.form(weight * _energy(part, young, poisson) * dx))))
+        float(np.real(fem.assemble_scalar(compat.jitted(fem.form, weight * _energy(part, young, poisson) * dx))))
         for part in (tensor - sigma, sigma)
     )
     return error, size

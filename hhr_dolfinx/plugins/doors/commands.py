@@ -8,6 +8,8 @@ from pathlib import Path
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import KNOWN, examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.group import launched
 
 with extra("study", "the command hhr"):
     import click
@@ -28,6 +30,8 @@ def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) 
     from hhr_dolfinx.command.loading import model_of
     from hhr_dolfinx.plugins.doors.um_bridge import Server
 
+    if (ranks := launched().size) > 1:
+        raise NotOfferedError(f"one process serves a model, and {ranks} ranks were started: leave mpirun out")
     with Server(model_of(model, known), host, port, name) as server:
         click.echo(f"model '{name}' is served at {server.url}, until Ctrl-C")
         with suppress(KeyboardInterrupt):

@@ -33,7 +33,7 @@ def places_of(discretisation: DiscreteSpace) -> np.ndarray:
     mesh = discretisation.mesh
     cells = np.arange(discretisation.cell_bodies().size, dtype=np.int32)
     points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
-    place = fem.Expression(ufl.SpatialCoordinate(mesh), points).eval(mesh, cells)
+    place = compat.jitted(fem.Expression, ufl.SpatialCoordinate(mesh), points).eval(mesh, cells)
     return np.reshape(place, (-1, mesh.geometry.dim))
 
 
@@ -124,7 +124,7 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
             # a constant strain has no mesh
             one = fem.Constant(mesh, 1.0)
             vector = kelvin(averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
-            values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
+            values = compat.jitted(fem.Expression, one * vector, points).eval(mesh, cells.astype(np.int32))
             found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
     if discretisation.scene.hypothesis == "plane_stress":  # nothing holds what strains across
         found[:, :, 2] = 0.0

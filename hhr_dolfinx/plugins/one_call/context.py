@@ -28,7 +28,8 @@ from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, s
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.plugins.paths.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build
-from hhr_dolfinx.reduction.reductor import Reductor, check_claim
+from hhr_dolfinx.reduction.claims import check_claim
+from hhr_dolfinx.reduction.reductor import Reductor
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.snapshots.store import ArrayStore

@@ -144,10 +144,10 @@ def reduce(
         full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
-        if fallback and len(norms := target.of) > 1:
-            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
+        _check_fallback(fallback, target)
         kept, store, arrays = _opened(folder, full)
-    shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
+    group_of(comm).agreed("a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))])
+    shown = progress or ShareLines(partial(print, file=sys.stderr, flush=True))
     context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
@@ -221,6 +221,11 @@ def _full_model(scene: object) -> FullOrderModel:
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     full.problem.require_parts("a search for a model")
     return full
+
+
+def _check_fallback(fallback: bool, target: Target) -> None:
+    if fallback and len(norms := target.of) > 1:
+        raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
 
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:

@@ -7,9 +7,10 @@ blocked in MPI; then the reason is printed and the whole run is aborted.
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Event
 from typing import TYPE_CHECKING, Any
@@ -17,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
-from hhr_dolfinx.errors import class_of
+from hhr_dolfinx.errors import RankError, class_of
 from hhr_dolfinx.group import Group, share
 from hhr_dolfinx.plugins.ranks.rows import RowsOfRanks
 from hhr_dolfinx.plugins.ranks.shared import SharedCholesky
 
 if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
+    from mpi4py.MPI import Comm, Request
 
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.scene import Scene
@@ -33,6 +34,10 @@ PATIENCE = 3.0
 
 _POLL = 0.02
 _FORWARDED = 1.0
+SAME = 1e-12
+"""Relative difference of values up to which ranks are asked for the same: machines may differ in last digits."""
+_SHOWN = 60
+_END: Any = object()
 
 
 class Ranks(Group):
@@ -76,13 +81,53 @@ class Ranks(Group):
             yield
         except BaseException as error:  # SystemExit too would leave the others waiting
             failure = error
-        failures = self.comm.allgather(None if failure is None else (type(failure).__name__, _text(failure)))
-        failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
+        self._exchanged(task, failure, None)
+
+    def _exchanged(self, task: str, failure: BaseException | None, value: Any) -> list[Any]:
+        """Value of each rank; if one has failed, all raise."""
+        words = None if failure is None else (type(failure).__name__, _text(failure))
+        every = self.comm.allgather((words, value))
         if failure is not None:
             raise failure
-        if failed:
-            rank, name, text = failed[0]
-            raise class_of(name)(f"{task} failed on rank {rank} of {self.size}, {name}: {text}")
+        for rank, (words, _) in enumerate(every):
+            if words is not None:
+                raise class_of(words[0])(f"{task} failed on rank {rank} of {self.size}, {words[0]}: {words[1]}")
+        return [value for _, value in every]
+
+    def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
+        """See :class:`~hhr_dolfinx.group.Group`."""
+        failure = None
+        asked: list[str | np.ndarray] = []
+        try:
+            asked = [_without_addresses(item) if isinstance(item, str) else item for item in call()]
+        except BaseException as error:
+            failure = error
+        every = self._exchanged(task, failure, asked)
+        other = next((rank for rank, known in enumerate(every) if not _same(known, every[0])), None)
+        if other is not None:
+            raise RankError(
+                f"{task}: ranks are asked for different things, rank 0 for {_shown(every[0], every[other])} and rank "
+                f"{other} for {_shown(every[other], every[0])}. Ask the same on all ranks that work on it together, or "
+                "let each have a full model of its own: FullOrderModel(scene, MPI.COMM_SELF)"
+            )
+
+    def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
+        """See :class:`~hhr_dolfinx.group.Group`."""
+        with self.each(task):
+            iterator = iter(items())
+        while True:
+            failure = None
+            item = _END
+            try:
+                item = next(iterator, _END)
+            except BaseException as error:
+                failure = error
+            ended = self._exchanged(task, failure, item is _END)
+            if all(ended):
+                return
+            if any(ended):
+                raise RankError(f"{task} ends on rank {ended.index(True)} of {self.size}, and goes on on others")
+            yield item
 
     @contextmanager
     def together(self, task: str) -> Iterator[None]:
@@ -92,18 +137,38 @@ class Ranks(Group):
         try:
             yield
         except BaseException as error:
-            if not _all_arrive(votes):
+            if not _arrives(votes.Ibarrier()):
                 reason = (
                     f"{task} failed on rank {self.number} of {self.size}, and the others wait for it: the run is ended "
                     f"on all ranks. {type(error).__name__}: {_text(error)}"
                 )
-                print(f"{reason}\n{traceback.format_exc()}{reason}", file=sys.stderr, flush=True)
-                # a launcher forwards output with a delay, and drops it when the run is aborted
-                Event().wait(_FORWARDED)
-                self.comm.Abort(1)
+                self._abort(f"{reason}\n{traceback.format_exc()}{reason}", 1)
             votes.Free()
             raise
         votes.Free()
+
+    def ending(self, task: str) -> Callable[[int, str], bool]:
+        """See :class:`~hhr_dolfinx.group.Group`."""
+        votes = self.comm.Dup()
+
+        def end(code: int, words: str) -> bool:
+            codes = np.zeros(self.size, dtype=np.int32)
+            arrival = votes.Iallgather(np.array([code], dtype=np.int32), codes)
+            if not code:
+                arrival.Wait()
+            elif not _arrives(arrival):
+                reason = f"{task} failed on rank {self.number} of {self.size}, and the others wait for it: it is ended"
+                self._abort(f"{words}\n{reason}", code)
+            votes.Free()
+            return bool(code and not codes[: self.number].any())
+
+        return end
+
+    def _abort(self, words: str, code: int) -> None:
+        print(words, file=sys.stderr, flush=True)
+        # a launcher forwards output with a delay, and drops it when the run is aborted
+        Event().wait(_FORWARDED)
+        self.comm.Abort(code)
 
     def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
         """See :class:`~hhr_dolfinx.group.Group`."""
@@ -133,15 +198,50 @@ class Ranks(Group):
         return RowsOfRanks(own, count, self.comm)
 
 
-def _all_arrive(votes: Comm) -> bool:
-    """True if every rank arrives within :data:`PATIENCE`."""
-    arrival = votes.Ibarrier()
+def _arrives(arrival: Request) -> bool:
+    """True if every rank takes part within :data:`PATIENCE`."""
     pause = Event()
     for _ in range(int(PATIENCE / _POLL)):
         if arrival.Test():
             return True
         pause.wait(_POLL)
     return False
+
+
+def _without_addresses(text: str) -> str:
+    """Words of an object without addresses in memory, which differ between ranks."""
+    return re.sub(r" at 0x[0-9a-f]+", "", text)
+
+
+def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
+    """True for equal words, and values that are equal to :data:`SAME`."""
+    if len(asked) != len(known):
+        return False
+    for here, there in zip(asked, known, strict=True):
+        if isinstance(here, str) or isinstance(there, str):
+            if not (isinstance(here, str) and isinstance(there, str) and here == there):
+                return False
+        elif here.shape != there.shape or not np.allclose(here, there, rtol=SAME, atol=0.0, equal_nan=True):
+            return False
+    return True
+
+
+def _shown(asked: list[str | np.ndarray], others: list[str | np.ndarray]) -> str:
+    """Words of what a rank is asked for, and the first other difference if these are equal."""
+    words = str(asked[0])
+    if words != str(others[0]) or len(asked) != len(others):
+        return words
+    for here, there in zip(asked[1:], others[1:], strict=True):
+        if _same([here], [there]):
+            continue
+        if isinstance(here, str) and isinstance(there, str):
+            first = next((k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0)
+            return f"{words} with '{here[max(first - _SHOWN, 0) : first + _SHOWN]}'"
+        if isinstance(here, str) or isinstance(there, str) or here.shape != there.shape:
+            return f"{words} with {np.shape(here)} values"
+        first = int(np.flatnonzero(~np.isclose(here, there, rtol=SAME, atol=0.0, equal_nan=True))[0])
+        return f"{words} with {here.ravel()[first]:.15g} as value {first} of {here.size}"
+    return words
 
 
 def _text(error: BaseException) -> str:

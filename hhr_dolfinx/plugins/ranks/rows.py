@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.errors import RankError
 from hhr_dolfinx.linear.rows import Rows
 
 if TYPE_CHECKING:
@@ -24,7 +25,11 @@ PANEL = 32
 
 
 class RowsOfRanks(Rows):
-    """Rows of which each rank has those of its dofs, after the ones of the ranks before it."""
+    """Rows of which each rank has those of its dofs, after the ones of the ranks before it.
+
+    Raises:
+        RankError: for a table that does not have the local rows, before it is read or sent.
+    """
 
     all_here = False
 
@@ -49,6 +54,7 @@ class RowsOfRanks(Rows):
 
     def at(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
         """See :class:`Rows`."""
+        self.check(table)
         found = np.zeros((len(places), *table.shape[1:]))
         here = (places >= self.own.start) & (places < self.own.stop)
         found[here] = table[places[here] - self.own.start]
@@ -58,7 +64,7 @@ class RowsOfRanks(Rows):
         """See :class:`Rows`; in Fortran order."""
         if table.ndim == 1:
             return self.whole(table[:, None])[:, 0]
-        ends = np.cumsum([0, *self.comm.allgather(len(table))])
+        ends = self._ends(table)
         found = np.empty((self.count, table.shape[1]), order="F")
         for first in range(0, table.shape[1], PANEL):
             panel = found[:, first : first + PANEL]
@@ -95,6 +101,7 @@ class RowsOfRanks(Rows):
         Each rank decomposes its rows, then all decompose the stacked triangles: exact to round-off, unlike a Gram
         matrix (J. Demmel et al., Communication-optimal parallel and sequential QR and LU factorizations, 2012).
         """
+        self.check(table)
         own, triangle = super().orthonormal(table)
         triangles = self.comm.allgather(triangle)
         ends = np.cumsum([0, *map(len, triangles)])
@@ -114,12 +121,37 @@ class RowsOfRanks(Rows):
         """See :class:`Rows`."""
         return ModesOfRows(problem, basis, sets)
 
+    def check(self, table: np.ndarray) -> None:
+        """Raise RankError for a table, (n, ...), that does not have the local rows. Not collective."""
+        count = self.own.stop - self.own.start
+        if len(table) != count:
+            raise RankError(
+                f"rank {self.comm.rank} passes a table of {len(table)} rows, and has {count} of {self.count} rows: "
+                "pass the local rows, problem.spread.of(table)"
+            )
+
+    def _ends(self, table: np.ndarray) -> np.ndarray:
+        """Ends of the rows of each rank, (ranks + 1,); all ranks raise if a table, (n, k), is wrong on one."""
+        shapes = self.comm.allgather((*table.shape, self.own.stop - self.own.start))
+        wrong = [
+            f"rank {rank} passes {rows} rows and {columns} columns and has {own} of {self.count} rows"
+            for rank, (rows, columns, own) in enumerate(shapes)
+            if rows != own or columns != shapes[0][1]
+        ]
+        if wrong:
+            raise RankError(
+                f"a table cannot be gathered: {', '.join(wrong)}. Pass the local rows, problem.spread.of(table), with "
+                "the same columns on each rank"
+            )
+        return np.cumsum([0, *(rows for rows, *_ in shapes)])
+
 
 class MatrixOfRows:
     """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k). Collective."""
 
     def __init__(self, matrix: csr_matrix, rows: RowsOfRanks) -> None:
         self._comm = rows.comm
+        self._rows = rows
         first = rows.own.start
         if not matrix.has_canonical_format:  # scipy would sort the entries of the argument in place
             matrix = matrix.copy()
@@ -170,6 +202,7 @@ class MatrixOfRows:
         return found
 
     def _times(self, table: np.ndarray) -> np.ndarray:
+        self._rows.check(table)
         width = table.shape[1]
         beside = np.empty((self._received.sum(), width))
         given = np.ascontiguousarray(table[self._given], dtype=float)

@@ -117,7 +117,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     dim = mesh.geometry.dim
     components = 6 if hypothesis == "solid" else 4
     blocks = space.dofmap.list[cells]
-    table = fem.Expression(strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
+    table = compat.jitted(fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
     strain = table.reshape(len(cells), components, dim * blocks.shape[1])
     if discretisation.mean_dilatation[place]:
         from hhr_dolfinx.full_order.gauss_points import tabulated
@@ -131,9 +131,9 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
         from hhr_dolfinx.full_order.gauss_points import grading_of
 
         factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
-        grading = fem.Expression(factor, middle).eval(mesh, cells).reshape(len(cells))
+        grading = compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))
     weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
-    volumes = fem.assemble_vector(fem.form(weight)).array[constants.dofmap.list[cells].ravel()]
+    volumes = fem.assemble_vector(compat.jitted(fem.form, weight)).array[constants.dofmap.list[cells].ravel()]
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
     dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes

@@ -31,10 +31,6 @@ if sys.platform == "linux" and "DISPLAY" not in os.environ:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 with extra("pictures", "pictures and fields for ParaView"):
-    import matplotlib
-
-    matplotlib.use("Agg")
-
     import pyvista
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure

@@ -122,6 +122,8 @@ def answer_points(
     with group.each("answering the table"):
         check_outside(outside)
         points = _table(points, model.parameters)
+    group.agreed("answering the table", lambda: [repr(model), points])
+    with group.each("answering the table"):
         query = Query(model, outside, displacement, estimates)
         mine = np.array_split(points, group.size)[group.number]
         count = model.rows_at_once

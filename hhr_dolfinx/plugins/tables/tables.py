@@ -120,6 +120,7 @@ def answer_table(
     group = ALONE if comm is None else group_of(comm)
     rank = group.number
     blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
+    group.agreed("answering the table", lambda: [f"{len(rows)} rows", repr(model), blocks.digest()])
     with group.each("preparing the answers"):
         if rank == 0:
             blocks.prepare()
@@ -168,7 +169,7 @@ class _Blocks:
         """File that identifies the table and model of the blocks."""
         return self.folder / "of.json"
 
-    def _digest(self) -> str:
+    def digest(self) -> str:
         """Digest of everything on which the answers depend."""
         columns = self.query.displacement, self.query.estimates, self.forces
         digest = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
@@ -178,7 +179,7 @@ class _Blocks:
 
     def prepare(self) -> None:
         """Make the folder, empty of blocks of another table or model; FileError if it has other files."""
-        mark = {MARK: self._digest()}
+        mark = {MARK: self.digest()}
         found = None
         with suppress(OSError, ValueError, RecursionError):
             found = json.loads(self._mark.read_text(encoding="utf-8"))

@@ -26,7 +26,15 @@ from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots, uniform_points
+from hhr_dolfinx.snapshots.records import (
+    PROGRESS,
+    Lost,
+    SnapshotSet,
+    asked_for,
+    held_out_points,
+    spread_snapshots,
+    uniform_points,
+)
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
@@ -155,11 +163,22 @@ def train(
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
     """
-    log = StageLog()
     group = group_of(comm)
+    with group.together("a training"):  # a full disk or a warning that is an error may end one rank
+        return _trained(scene, training, held_out, seed, folder, group, march, progress, together)
+
+
+def _trained(
+    scene: Scene, training: Any, held_out: Any, seed: int, folder: str | Path | None, group: Group,
+    march: MarchSettings, progress: Progress, together: bool | None,
+) -> Training:  # fmt: skip
+    """See :func:`train`."""
+    log = StageLog()
     with group.each("checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
+    values = [] if chooses_itself(queries) else asked_for(queries)[1:]
+    group.agreed("a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values])
     with log.stage("full_order"):
         full = _full_model(scene, group, together, queries, log)
     with group.each("opening the folder of answers"):
@@ -172,7 +191,7 @@ def train(
             # a number of points is chosen by forces, whose last digits may differ between machines
             given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
             given = group.from_first(given)
-            kept = _answered(full, given, group, progress("held out"), store, march, "queries held out")
+            kept = _answered(full, given, group, _bar(progress, "held out", group), store, march, "queries held out")
     full.strains.check(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
@@ -201,6 +220,12 @@ def _full_model(scene: Scene, group: Group, together: bool | None, queries: obje
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
     return full.gathered()
+
+
+def _bar(progress: Progress, label: str, group: Group) -> Callable[[Iterable], Iterable]:
+    """Progress bar of the user; all ranks raise if it fails on one."""
+    with group.each(PROGRESS):
+        return progress(label)
 
 
 def _answered(
@@ -235,12 +260,17 @@ def _solved(
         def solve(points: Any) -> SnapshotSet:
             return spread_snapshots(full, points, group, iter, store, march, lost)
 
+        bar = _bar(progress, "greedy", group)
         # ranks share candidates if each has a full model
         snapshots, choice = queries.grown(
-            full, solve, MPI.COMM_SELF if full.group.size > 1 else group.comm, progress("greedy"), store
+            full,
+            solve,
+            MPI.COMM_SELF if full.group.size > 1 else group.comm,
+            lambda items: group.in_step(lambda: bar(items), PROGRESS),
+            store,
         )
     else:
-        snapshots = spread_snapshots(full, queries, group, progress("snapshots"), store, march, lost)
+        snapshots = spread_snapshots(full, queries, group, _bar(progress, "snapshots", group), store, march, lost)
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
@@ -301,7 +331,8 @@ def train_part(
         mine = [given[k] for k in share(len(given), number - 1, parts)]
         counts.append(len(mine))
         if mine:
-            _answered(full, mine, group, progress(label), store, march, f"queries of part {number} of {parts}")
+            bar = _bar(progress, label, group)
+            _answered(full, mine, group, bar, store, march, f"queries of part {number} of {parts}")
     return PartSolved(counts[0], counts[1], group.total(store.found))
 
 

@@ -1,0 +1,147 @@
+"""Claims of models, compared where they are made: exactness and bounds are no properties of a class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import mass_norm
+from hhr_dolfinx.certify.compare import retraced
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ClaimError, HHRError, NotOfferedError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.snapshots.records import SnapshotSet
+
+MOST_SURE = 4
+"""Answers with which a model is compared at most: one that claims too much is off nearly everywhere."""
+ROUND_OFF = 1e-6
+"""Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
+OF_STEPS = 1e-3
+"""The same for single answers of laws that remember: round-off may change the increments that lead to them."""
+LIGHT = 1e-2
+"""Part of the largest contact forces below which relative bounds, which use a floor, are not compared."""
+BOUND = "bound"
+"""Kind of the estimates that no error may exceed, see :class:`~hhr_dolfinx.models.estimates.Estimate`."""
+ANSWERED = list[tuple[Answer, Answer | None, str]]
+"""Answers of the full model, those of a model or None if it has none, and where."""
+
+
+def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
+    """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
+
+    Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness: forces of equivalent
+    conditions, and displacements of bodies with rigid motions, may have several values.
+
+    Raises:
+        ClaimError: if they differ by more than round-off, or an error exceeds its bound.
+    """
+    if model.fields.exact:
+        _check_exact(name, full, known, list(_pairs_of(full, model, known)))
+    elif not known.histories and not full.law.remembers:
+        _check_bounds(name, full, list(_pairs_of(full, model, known)))
+
+
+def _check_exact(name: str, full: FullModel, known: SnapshotSet, pairs: ANSWERED) -> None:
+    problem = full.problem
+    loads = [problem.contact.T @ exact.forces() for exact, _, _ in pairs]
+    sizes = [mass_norm(problem, exact.displacement()) for exact, _, _ in pairs]
+    limit = ROUND_OFF if not full.law.remembers or known.histories else OF_STEPS
+    for number, (exact, answer, label) in enumerate(pairs):
+        off = np.inf
+        if answer is not None:
+            off = _part(np.linalg.norm(problem.contact.T @ answer.forces() - loads[number]), loads)
+            if not problem.held_by_contact:
+                off = max(off, _part(mass_norm(problem, answer.displacement() - exact.displacement()), sizes))
+        if not off <= limit:
+            raise ClaimError(
+                f"{name}: its model calls itself exact and is off by {off:.3g} at {label}: claim less, or refuse "
+                "the scene"
+            )
+
+
+def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
+    largest = max((float(np.linalg.norm(exact.forces())) for exact, _, _ in pairs), default=0.0)
+    for exact, answer, label in pairs:
+        estimate = None if answer is None else answer.estimate()
+        if answer is None or estimate is None or estimate.kind != BOUND:
+            continue
+        for what, (error, size) in _errors(full, exact, answer, largest).items():
+            bound = estimate.outputs.get(what, np.inf) if what not in BOUNDED else getattr(estimate, BOUNDED[what])
+            if not error <= (1 + ROUND_OFF) * bound + ROUND_OFF * size:
+                raise ClaimError(
+                    f"{name}: its model says a bound of {bound:.3g} of the {what}, and the error is {error:.3g} at "
+                    f"{label}: say 'estimate' or 'indicator' as the kind of the estimate, or bound more"
+                )
+
+
+BOUNDED = {
+    "displacement in energy": "primal",
+    "contact forces": "forces_euclid",
+    "pressure": "pressure",
+    "displacement in energy, relative": "primal_relative",
+    "contact forces, relative": "forces_euclid_relative",
+    "pressure, relative": "pressure_relative",
+}
+"""Attributes of estimates, by their names in messages."""
+
+
+def _errors(full: FullModel, exact: Answer, answer: Answer, largest: float) -> dict[str, tuple[float, float]]:
+    """Errors of an answer and sizes of the exact one, by the names of :data:`BOUNDED`, and of outputs.
+
+    ``largest`` is the norm of the largest contact forces.
+    """
+    problem = full.problem.at(exact.parameter)
+    rows = problem.spread
+    found: dict[str, tuple[float, float]] = {}
+    with suppress(NotOfferedError):  # a model of forces alone
+        fields = [answer.displacement() - exact.displacement(), exact.displacement()]
+        energies = [rows.sum(rows.of(field) @ (problem.own_stiffness @ field)) for field in fields]
+        error, size = np.sqrt(np.maximum(energies, 0.0))
+        found["displacement in energy"] = error, size
+        if size > 0:
+            found["displacement in energy, relative"] = error / size, 1.0
+    off = answer.forces() - exact.forces()
+    # forces of equivalent conditions have several values
+    if np.linalg.norm(problem.contact.T @ off) > ROUND_OFF * np.linalg.norm(problem.contact.T @ exact.forces()):
+        size = float(np.linalg.norm(exact.forces()))
+        found["contact forces"] = float(np.linalg.norm(off)), size
+        per_area = np.divide(1.0, problem.contact_areas, out=np.zeros(len(off)), where=problem.contact_areas > 0)
+        found["pressure"] = float(np.abs(off * per_area).max()), float(np.abs(exact.forces() * per_area).max())
+        if size > LIGHT * largest:
+            relative = ((f"{key}, relative", found[key]) for key in ("contact forces", "pressure"))
+            found |= {key: (error / size, 1.0) for key, (error, size) in relative if size > 0}
+    if full.functionals is not None:
+        with suppress(NotOfferedError):
+            values = exact.outputs().values
+            said = answer.outputs().values
+            found |= {key: (abs(said[key] - values[key]), abs(values[key])) for key in said.keys() & values.keys()}
+    return found
+
+
+def _part(off: float, sizes: Sequence[Any]) -> float:
+    """Error over the largest of some vectors or norms."""
+    largest = max(float(np.linalg.norm(size)) for size in sizes)
+    return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)
+
+
+def _pairs_of(full: FullModel, model: Any, known: SnapshotSet) -> Iterator[tuple[Answer, Answer | None, str]]:
+    problem = full.problem
+    for number, history in enumerate(known.histories[:1]):
+        found: list[Any] = [None] * len(history.answers)
+        with suppress(HHRError):
+            found = retraced(model, history).answers
+        for here, exact in zip(found, history.answers, strict=True):
+            yield exact, here, f"t = {exact.time:g} s of history {number}"
+    count = 0 if known.histories else len(known.points)
+    for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
+        point = known.points[place]
+        unknown = problem.spread.whole(known.displacements[:, place])
+        parts = known.forces[:, place], known.active[:, place], 0, Status.CONVERGED, False, full
+        answer = None
+        with suppress(HHRError):
+            answer = model.solve(point, outside="ignore")
+        yield Answer(point, unknown, *parts), answer, problem.parameters.described(point)
