@@ -130,13 +130,36 @@ def plasticity(at: At) -> Stated:
 
 
 def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
-    """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp."""
+    """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp.
+
+    R may have an infinite slope at p = 0, as Ludwik's σ0 + K p^n with n < 1, see :func:`_first_amount`.
+    """
     trial = _radial(at)
     amount = at.unknown.amount
+    held = at.old.cumulated
     stress = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
-    over = trial.size - strength(at.old.cumulated)
-    left = trial.size - trial.stiff * amount - strength(at.old.cumulated + amount)
-    return Stated(stress, _flowed(at, amount), [left], over)
+    over = trial.size - strength(held)
+    grown = held + ufl.conditional(ufl.gt(amount, 0), amount, 0)  # iterates below 0 find their way back
+    left = trial.size - trial.stiff * amount - strength(grown)
+    return Stated(stress, {"cumulated": grown}, [left], over, {"amount": _first_amount(at, trial, over, strength)})
+
+
+def _first_amount(at: At, trial: _Radial, over: Expr, strength: Callable[[Expr], Expr]) -> Expr:
+    """First iterate of Δp in q_tr - 3 μ Δp = R(p + Δp), not above the root if R is concave.
+
+    There Newton's method rises to the root, however steep R is. It lies below z = q_over / 3 μ, the flow without
+    hardening. Up to z, R rises by r, and with the exponent n = z R'(p + z) / r at its end a concave R rises at x z by
+    r x^n at most. So x = 1/2, or (q_over / 2 r)^(1/n) if that is less, leaves a residual that is not negative.
+    """
+    held = at.old.cumulated
+    most = ufl.max_value(over, 0) / trial.stiff
+    end = ufl.variable(held + most)
+    reached = strength(end)
+    rise = reached - strength(held)
+    inverse = ufl.min_value(rise / (most * ufl.diff(reached, end)), 100)  # 1/n; beyond, R saturates
+    share = ufl.conditional(ufl.gt(2 * rise, over), (over / (2 * rise)) ** inverse, 0.5)
+    # at 0 the slope may be infinite
+    return ufl.conditional(ufl.gt(over, 0), ufl.max_value(most * share, 1e-300), 0)
 
 
 def voce(at: At) -> Stated:

@@ -38,6 +38,7 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     AFTER,
     BEYOND,
     LOCAL,
+    NO_SLOPE,
     REST,
     REST_SLOPES,
     SLOPES,
@@ -365,6 +366,8 @@ class LawProgram(Rebuilt):
         why = "its equations have no solution there, or a step is too large: make smaller steps, and check the units"
         if (result[bad] == BEYOND).any():
             why = f"{self.reason}: give smaller loads"
+        elif (result[bad] == NO_SLOPE).any():
+            why = "the slope of its residual is infinite or no number at an iterate: return a `start` where it is finite"
         elif self.reason:
             why = f"{why}; or {self.reason}"
         place = f"at {bad.size} points, such as for the strain ({shown})"

@@ -15,7 +15,7 @@ import pytest
 import ufl
 from points import LAWS, POISSON, SHEAR, WOOD, YOUNG, Point, at_rest
 from scipy.optimize import brentq
-from toy_law import Bingham
+from toy_law import Bingham, Ludwik
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, SceneError
@@ -25,6 +25,7 @@ from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, Law, State, progra
 from hhr_dolfinx.plugins.inelastic.local_solver import LOCAL, REST, START, TRIAL
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.testing import check_law
 
 
 def size(law):
@@ -92,6 +93,86 @@ def test_a_point_just_about_to_yield_has_an_answer(name):
     sizes = high * (1 + np.arange(-30, 30) * 2e-16)
     found = program.update(sizes[:, None] * direction, old, 1.0, given, tangent=True)
     assert found.stress == pytest.approx(sizes[:, None] * (given.elastic @ direction), rel=1e-9, abs=1e-9)
+
+
+HARDENING = [Ludwik(300.0, 500.0, 0.3), Ludwik(300.0, 500.0, 0.7), Ludwik(0.0, 500.0, 0.2), Ludwik(0.0, 500.0, 0.5)]
+
+
+@pytest.mark.parametrize("law", HARDENING, ids=["Ludwik .3", "Ludwik .7", "Hollomon .2", "root"])
+@pytest.mark.parametrize("kind", ["solid", "plane stress"])
+def test_a_law_with_an_infinite_slope_flows_by_its_closed_form(law, kind):
+    """A pull ends at q = R(p), e = q/E + p, whatever the steps: the root of this equation by brentq."""
+
+    def pulled(strain):
+        left = lambda p: YOUNG * (strain - p) - law.yield_stress - law.strength * p**law.exponent  # noqa: E731
+        plastic = brentq(left, 0, strain, xtol=1e-18) if left(0) > 0 else 0.0
+        return YOUNG * (strain - plastic)
+
+    for steps in (1, 3, 40):
+        how = {"components": 4, "plane_stress": True} if kind == "plane stress" else {}
+        point = Point(law, **how)
+        for strain in np.linspace(0, 0.02, steps + 1)[1:]:
+            across = {2: -POISSON * strain} if how else {}  # which a law in plane stress does not read
+            assert point.step({0: strain, **across})[0] == pytest.approx(pulled(strain), rel=1e-8)
+        assert point.step({0: strain - 1e-4, **across})[0] == pytest.approx(pulled(strain) - 1e-4 * YOUNG, rel=1e-8)
+
+
+@pytest.mark.parametrize("law", HARDENING, ids=["Ludwik .3", "Ludwik .7", "Hollomon .2", "root"])
+def test_a_flow_of_any_size_has_an_infinite_slope_before_it(law):
+    """Shear from where the law is about to yield, over 16 decades: q_tr = R(p) + 3 μ p, by brentq in log p."""
+    start = law.yield_stress / 3 / SHEAR
+    sizes = np.logspace(-16, 0, 33)
+    strain = np.zeros((sizes.size, 6))
+    strain[:, 3] = np.sqrt(1.5) * (start + sizes)
+    program = program_of(law, 6)
+    found = program.update(strain, at_rest(program, sizes.size), 1.0, program.given(YOUNG, POISSON), tangent=True)
+    for trial, stress in zip(2 * SHEAR * strain[:, 3] * np.sqrt(1.5), found.stress[:, 3] * np.sqrt(1.5), strict=True):
+
+        def left(size, trial=trial):
+            p = np.exp(size)
+            return trial - 3 * SHEAR * p - law.yield_stress - law.strength * p**law.exponent
+
+        flow = np.exp(brentq(left, -700, 1, xtol=1e-14)) if left(-700) > 0 else 0.0
+        assert stress == pytest.approx(trial - 3 * SHEAR * flow, rel=1e-9)
+    assert np.isfinite(found.tangents).all()
+
+
+def test_check_law_accepts_hardening_with_an_infinite_slope():
+    """Strengths in GPa, as on the page of laws; the energy that flow takes is positive for each n."""
+    for law in HARDENING:
+        check_law(replace(law, yield_stress=law.yield_stress / 1e3, strength=law.strength / 1e3), young=200.0)
+
+
+@dataclass(frozen=True)
+class Steep(Law):
+    """Ludwik's law with a residual of its own, whose slope at the first iterate is infinite unless that is moved."""
+
+    first: float
+    unknowns: ClassVar = {"amount": NUMBER}
+
+    def statement(self, at):
+        """q_tr - 3 μ Δp = 300 + 500 √p."""
+        trial = 2 * forms.lame(at.constants)[1] * forms.deviator(at.strain - at.old.inelastic)
+        size, stiff = forms.equivalent(trial), 3 * forms.lame(at.constants)[1]
+        p = at.old.cumulated + at.unknown.amount
+        mean = forms.hooke(at.strain, at.constants) - 2 * stiff / 3 * forms.deviator(at.strain)
+        return forms.Stated(
+            mean + (1 - stiff * at.unknown.amount / size) * trial,
+            {"cumulated": p},
+            [size - stiff * at.unknown.amount - 300 - 500 * ufl.sqrt(p)],
+            size - 300 - 500 * ufl.sqrt(at.old.cumulated),
+            {"amount": at.constants.first},
+        )
+
+
+def test_a_step_by_an_infinite_slope_solves_nothing():
+    """Newton's step is r/∞ = 0 there: the law is refused with the remedy, which then gives the root of hardening."""
+    with pytest.raises(ConvergenceError, match="slope of its residual is infinite .* return a `start`"):
+        Point(Steep(0.0)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    mended = Point(Steep(1e-8)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    same = Point(Ludwik(300.0, 500.0, 0.5)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    assert mended.stress == pytest.approx(same.stress, rel=1e-9)
+    assert mended.tangents == pytest.approx(same.tangents, abs=1e-9 * YOUNG)
 
 
 def test_newton_steps_at_a_point_are_quadratic():
