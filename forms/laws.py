@@ -245,18 +245,27 @@ def arrhenius(at: At) -> Stated:
 def primary_creep(at: At) -> Stated:
     """Primary creep p = (q / K)^n t^m at constant stress, by strain hardening: exact in time at constant q.
 
-    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton.
+    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton. Such powers leave the range of numbers at small q
+    and p, with n/m of 25 at q = 1e-13 K. So p after the step is their m-norm, from the flow a = (q / K)^n dt^m of the
+    step alone: (a^(1/m) + p_old^(1/m))^m, as the larger one times a power of their ratio.
     """
     c = at.constants
-    held = at.old.cumulated ** (1 / c.time_exponent)
+    held = at.old.cumulated
+    m = c.time_exponent
 
     def flow(q: Expr) -> Expr:
-        grown = held + (q / c.resistance) ** (c.exponent / c.time_exponent) * at.dt
-        return grown**c.time_exponent - at.old.cumulated
+        alone = (q / c.resistance) ** c.exponent * at.dt**m
+        most = ufl.conditional(ufl.gt(alone, held), alone, held)
+        ratio = (ufl.conditional(ufl.gt(alone, held), held, alone) / most) ** (1 / m)
+        # (1 + x)^m - 1, of which differences of numbers near 1 leave nothing at small x
+        grown = ufl.conditional(ufl.lt(ratio, 1e-6), m * ratio * (1 - (1 - m) / 2 * ratio), (1 + ratio) ** m - 1)
+        flowed = ufl.conditional(ufl.gt(alone, held), alone - held + most * grown, most * grown)
+        return ufl.conditional(ufl.gt(alone, 0), flowed, 0)
 
     def highest(amount: Expr) -> Expr:
-        pace = ((at.old.cumulated + amount) ** (1 / c.time_exponent) - held) / at.dt
-        return c.resistance * pace ** (c.time_exponent / c.exponent)
+        # above a, as the slope of the power 1/m at its end is above that of the chord
+        alone = (amount / m) ** m * (held + amount) ** (1 - m)
+        return c.resistance * (alone / at.dt**m) ** (1 / c.exponent)
 
     return creep(at, flow, highest)
 

@@ -7,6 +7,7 @@ history has the constants of the parameter at its end. For a user-defined law se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
@@ -231,7 +232,7 @@ class PrimaryCreep(_Stated):
     exponent: float | str
     time_exponent: float | str
     unknowns: ClassVar = _STRESS
-    limits: ClassVar = {**_CREEP, "time_exponent": (0.0, 1.0000001)}
+    limits: ClassVar = {**_CREEP, "time_exponent": (0.0, math.nextafter(1.0, 2.0))}
     stated: ClassVar = "primary_creep"
 
 

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
 from pathlib import Path
 from typing import ClassVar
 
@@ -225,6 +226,24 @@ def test_creep_and_relaxation_by_their_curves():
         stress = relaxed.step({0: 300 / YOUNG}, 1e-4)[0]
     exact = (300.0**-7 + 7 * YOUNG * 0.2 / 400.0**8) ** (-1 / 7)  # of dσ/dt = -E (σ / K)^8
     assert stress == pytest.approx(exact, rel=1e-3)  # implicit Euler in 2000 steps
+
+
+@pytest.mark.parametrize(("exponent", "time_exponent"), [(5.0, 0.2), (10.0, 0.3), (1.0, 0.04), (1.0, 1.0)])
+def test_primary_creep_answers_at_stresses_of_round_off(exponent, time_exponent):
+    """p^(1/m) = p_old^(1/m) + (q/K)^(n/m) dt, in forty decimal digits, where such powers are no doubles any more."""
+    m = Decimal(time_exponent)
+    with localcontext() as context:
+        context.prec = 40
+        for trial in (1e-14, 1e-9, 1e-3):
+            for held in (0.0, 1e-6):
+                point = Point(hhr.PrimaryCreep(400.0, exponent, time_exponent))
+                point.state = point.state._replace(cumulated=np.array([held]))
+                found = point.after(np.array([2.0, -1.0, -1.0, 0, 0, 0]) * trial / 6 / SHEAR)
+                left = found.stress[0, 0] - found.stress[0, 1]
+                grown = (Decimal(left) / 400) ** (Decimal(exponent) / m) + Decimal(held) ** (1 / m)
+                flow = float(grown**m - Decimal(held))
+                assert left + 3 * SHEAR * flow == pytest.approx(trial, rel=1e-8)
+                assert np.isfinite(found.tangents).all()
 
 
 def test_plasticity_with_creep_yields_above_and_creeps_below():
