@@ -319,6 +319,8 @@ def drucker_prager(at: At) -> Stated:
     return Stated(
         bulk * (trace(elastic) * unit(at.strain) - swollen) + (1 - share) * turned,
         _flowed(at, amount),
+        limit=c.friction - c.dilatancy,
+        reason="its dilatancy is above its friction, so that flow would create energy",
     )
 
 

@@ -1,10 +1,12 @@
 """Unknowns of laws at many points: Newton's method, compiled once for all laws.
 
-A point is solved when a step changes each unknown by less than :data:`DONE` of the largest unknown of its kind, and
-that step was made: what is left is its square. A residual has a unit and says nothing of the unknown. A slope dr/dy
-that is infinite or NaN, as of p^n with n < 1 at p = 0, makes a step of length 0 and solves nothing: the line search
-rejects such an iterate, and a point that starts there ends with :data:`NO_SLOPE`. The line search takes Deuflhard's natural test, whether the last factors make a shorter step of the new residual (Deuflhard 2011,
-section 3.3): it depends on no unit either.
+A point is solved when a step changes each unknown by less than :data:`DONE` of the largest unknown
+of its kind, and that step was made: what is left is its square. A residual has a unit and says
+nothing of the unknown. A slope dr/dy that is infinite or NaN, as of p^n with n < 1 at p = 0, makes
+a step of length 0 and solves nothing: the line search rejects such an iterate, and a point that
+starts there ends with :data:`NO_SLOPE`. The line search takes Deuflhard's natural test, whether the
+last factors make a shorter step of the new residual (Deuflhard 2011, section 3.3): it depends on no
+unit either.
 
 Points go through the machine in blocks. In a block all points go on until the last one is solved; those that are
 solved, or need no solution, stay as they are.

@@ -168,7 +168,7 @@ class Steep(Law):
 
 def test_a_step_by_an_infinite_slope_solves_nothing():
     """Newton's step is r/∞ = 0 there: the law is refused with the remedy, which then gives the root of hardening."""
-    with pytest.raises(ConvergenceError, match="slope of its residual is infinite .* return a `start`"):
+    with pytest.raises(ConvergenceError, match=r"slope of its residual is infinite .* return a `start`"):
         Point(Steep(0.0)).after([0.02, -0.01, -0.01, 0, 0, 0])
     mended = Point(Steep(1e-8)).after([0.02, -0.01, -0.01, 0, 0, 0])
     same = Point(Ludwik(300.0, 500.0, 0.5)).after([0.02, -0.01, -0.01, 0, 0, 0])
@@ -269,6 +269,31 @@ def test_drucker_prager_in_triaxial_compression_and_at_its_tip():
     assert plastic[:3].sum() / plastic[0] == pytest.approx(0.1 / (0.1 / 3 - 1 / np.sqrt(3)), rel=1e-9)
     tip = Point(law).after([0.01, 0.011, 0.012, 0, 0, 0]).stress[0]
     assert tip == pytest.approx([100 / 0.3] * 3 + [0] * 3, abs=1e-9)
+
+
+def test_drucker_prager_refuses_to_create_energy():
+    """Dilatancy above friction: Δεp:σ = Δλ (k + (ψ - η) σ_m) < 0 under a large pressure; of formulas in a step."""
+    with pytest.raises(SceneError, match=r"dilatancy 0.3 of DruckerPrager is above its friction 0.1"):
+        hhr.DruckerPrager(100.0, 0.1, 0.3)
+    formula = program_of(hhr.DruckerPrager(100.0, "f", 0.3), 6)
+    strain = np.array([[0.01, 0, 0, 0, 0, 0]])
+    refused, held = (formula.with_numbers({"friction": friction}) for friction in (0.1, 0.4))
+    with pytest.raises(ConvergenceError, match="dilatancy is above its friction, so that flow would create energy"):
+        refused.update(strain, at_rest(refused), 1.0, refused.given(YOUNG, POISSON), tangent=False)
+    same = Point(hhr.DruckerPrager(100.0, 0.4, 0.3)).after(strain[0]).stress
+    there = held.update(strain, at_rest(held), 1.0, held.given(YOUNG, POISSON), tangent=False)
+    assert there.stress == pytest.approx(same, rel=1e-12)
+
+
+def test_drucker_prager_in_plane_stress_without_hardening_says_what_helps():
+    """At the tip nothing resists a strain across; with the hardening that is advised the stress is on the cone."""
+    strain = [0.0207, -0.00213, 0, 0.00629]
+    with pytest.raises(ConvergenceError, match=r"in plane stress have no slope .* a little hardening"):
+        Point(hhr.DruckerPrager(100.0, 0.3, 0.1), 4, plane_stress=True).after(strain)
+    found = Point(hhr.DruckerPrager(100.0, 0.3, 0.1, 1e-3), 4, plane_stress=True).after(strain)
+    mean = found.stress[0, :3].sum() / 3
+    shear = found.stress[0] - mean * np.array([1, 1, 1, 0])
+    assert np.sqrt(shear @ shear / 2) + 0.3 * mean == pytest.approx(100 + 1e-3 * found.state.cumulated[0], rel=1e-9)
 
 
 def test_hill_yields_along_each_axis_of_its_frame():

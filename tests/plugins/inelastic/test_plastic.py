@@ -136,7 +136,6 @@ def test_pressed_blocks_harden_by_ludwik_in_full_and_condensed(exponent):
             assert answer.forces().sum() == pytest.approx(pressed(point[0]), rel=1e-6, abs=1e-6)
 
 
-
 @pytest.mark.parametrize("law", ["plasticity", "perfect plasticity", "norton 4", "bingham"])
 @pytest.mark.parametrize("search", ["tangent", "frozen", "elastic"])
 def test_uniaxial_cycle_with_unloading(law, search):
