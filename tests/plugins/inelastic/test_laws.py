@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from toy_law import Bingham, Ludwik
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.errors import ConformanceError, ConvergenceError, SceneError
 from hhr_dolfinx.forms import laws as forms
 from hhr_dolfinx.plain import as_plain
 from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, Law, State, program_of
@@ -142,6 +142,33 @@ def test_check_law_accepts_hardening_with_an_infinite_slope():
     """Strengths in GPa, as on the page of laws; the energy that flow takes is positive for each n."""
     for law in HARDENING:
         check_law(replace(law, yield_stress=law.yield_stress / 1e3, strength=law.strength / 1e3), young=200.0)
+
+
+@dataclass(frozen=True)
+class Gasket(Law):
+    """Elastic, and across x a pressure k e^2 of the closure e = -ε_xx; below the largest e it is that times (e/e_max)^n."""
+
+    stiffness: float
+    returned: float
+    memory: ClassVar = {"closed": NUMBER}
+
+    def statement(self, at):
+        """Loading takes k e^3/3, and unloading gives back k e^3/(n + 1)."""
+        c = at.constants
+        closure = ufl.max_value(-at.strain[0], 0)
+        closed = ufl.max_value(closure, at.old.closed)
+        share = ufl.conditional(ufl.gt(closed, 0), closure / closed, 0)
+        pressure = c.stiffness * closed**2 * share**c.returned
+        across = ufl.as_vector([1.0] + [0.0] * (len(at.strain) - 1))
+        memory = {"closed": closed, "cumulated": at.old.cumulated + closed - at.old.closed}
+        return forms.Stated(0.05 * forms.hooke(at.strain, c) - pressure * across, memory)
+
+
+def test_check_law_judges_a_gasket_by_the_work_of_its_path():
+    """It stiffens, so that ε - C^-1 σ goes against the stress; it dissipates if n > 2, and creates energy if n < 2."""
+    check_law(Gasket(5e3, 4.0), young=200.0)
+    with pytest.raises(ConformanceError, match="gives back"):
+        check_law(Gasket(5e3, 1.0), young=200.0)
 
 
 @dataclass(frozen=True)
