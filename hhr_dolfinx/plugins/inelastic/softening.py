@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.errors import ConvergenceError, StabilityWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
@@ -13,7 +14,6 @@ from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.law import State
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.warn import warn
 
 SYMMETRIC = 1e-9
@@ -22,7 +22,7 @@ SOFTENS = 1e-6
 """Negative eigenvalue of a symmetric tangent, over E, below which it is round-off."""
 
 
-def warn_of_softening(full: FullModel, snapshots: SnapshotSet) -> None:
+def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
     """Warn of the training state with the smallest eigenvalue of a symmetric tangent, if that is negative.
 
     Tangents that are not symmetric, as of flow that is not associated, have negative eigenvalues without softening.
@@ -30,7 +30,8 @@ def warn_of_softening(full: FullModel, snapshots: SnapshotSet) -> None:
     Warns:
         StabilityWarning: with the law, the point of the parameters and the time.
     """
-    least, said = -SOFTENS, ""
+    least = -SOFTENS
+    said = ""
     for history in snapshots.histories:
         for before, answer in pairwise(history.answers):
             material = equilibrium_of(full).material.at(answer.parameter)

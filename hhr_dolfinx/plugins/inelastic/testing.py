@@ -29,7 +29,7 @@ WRONG = {
 POINTS = 60
 LEGS = 200
 CLOSED = 1e-3
-"""Steps of a leg of a path whose work is summed, and its error by the trapezoidal rule, over E times a strain squared."""
+"""Steps of a leg of a path whose work is summed, and the error of the sum over E times a strain squared."""
 
 
 @blaming
@@ -106,7 +106,8 @@ def _least_work(material: Material, paths: Sequence[np.ndarray], state: State, d
         for share in np.linspace(0, 1, LEGS + 1)[1:]:
             found = material.update(begin + share * (end - begin), state, dt / LEGS, tangent=False)
             total = total + np.einsum("nc,nc->n", (last + found.stress) / 2, end - begin) / LEGS
-            last, state = found.stress, found.state
+            last = found.stress
+            state = found.state
         least = np.minimum(least, total)
     return least
 

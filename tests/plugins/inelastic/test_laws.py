@@ -146,7 +146,7 @@ def test_check_law_accepts_hardening_with_an_infinite_slope():
 
 @dataclass(frozen=True)
 class Gasket(Law):
-    """Elastic, and across x a pressure k e^2 of the closure e = -ε_xx; below the largest e it is that times (e/e_max)^n."""
+    """Elastic, and across x a pressure k e^2 of the closure e = -ε_xx; below e_max k e_max^2 (e/e_max)^n."""
 
     stiffness: float
     returned: float
