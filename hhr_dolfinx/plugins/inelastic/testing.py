@@ -37,8 +37,8 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     """Check a law of a body with numbers as constants, along random paths of strains in the plane.
 
     An inelastic law must dissipate: σ:Δε_in is not negative, or, if it does not unload along its elasticity at rest,
-    as a gasket, the work from rest is not. An elastic one must have symmetric tangents and forget its path. Of both, tangents
-    are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E, and a file answers the same.
+    as a gasket, the work from rest is not. An elastic one must have symmetric tangents and forget its path. Of both,
+    tangents are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E, and a file answers the same.
     Paths start without stress: heat, which is constant, has strained the points before.
 
     Args:
