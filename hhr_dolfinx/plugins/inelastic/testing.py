@@ -38,8 +38,8 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
 
     An inelastic law must dissipate: σ:Δε_in is not negative, or, if it does not unload along its elasticity at rest,
     as a gasket, the work from rest is not. An elastic one must have symmetric tangents and forget its path. Of both,
-    tangents are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E, and a file answers the same.
-    Paths start without stress: heat, which is constant, has strained the points before.
+    tangents are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E. A file answers the
+    same. Paths start without stress: heat, which is constant, has strained the points before.
 
     Args:
         law: of small strains, or a function without arguments that makes it; wrong ones raise ConformanceError.
