@@ -130,13 +130,36 @@ def plasticity(at: At) -> Stated:
 
 
 def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
-    """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp."""
+    """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp.
+
+    R may have an infinite slope at p = 0, as Ludwik's σ0 + K p^n with n < 1, see :func:`_first_amount`.
+    """
     trial = _radial(at)
     amount = at.unknown.amount
+    held = at.old.cumulated
     stress = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
-    over = trial.size - strength(at.old.cumulated)
-    left = trial.size - trial.stiff * amount - strength(at.old.cumulated + amount)
-    return Stated(stress, _flowed(at, amount), [left], over)
+    over = trial.size - strength(held)
+    grown = held + ufl.conditional(ufl.gt(amount, 0), amount, 0)  # iterates below 0 find their way back
+    left = trial.size - trial.stiff * amount - strength(grown)
+    return Stated(stress, {"cumulated": grown}, [left], over, {"amount": _first_amount(at, trial, over, strength)})
+
+
+def _first_amount(at: At, trial: _Radial, over: Expr, strength: Callable[[Expr], Expr]) -> Expr:
+    """First iterate of Δp in q_tr - 3 μ Δp = R(p + Δp), not above the root if R is concave.
+
+    There Newton's method rises to the root, however steep R is. It lies below z = q_over / 3 μ, the flow without
+    hardening. Up to z, R rises by r, and with the exponent n = z R'(p + z) / r at its end a concave R rises at x z by
+    r x^n at most. So x = 1/2, or (q_over / 2 r)^(1/n) if that is less, leaves a residual that is not negative.
+    """
+    held = at.old.cumulated
+    most = ufl.max_value(over, 0) / trial.stiff
+    end = ufl.variable(held + most)
+    reached = strength(end)
+    rise = reached - strength(held)
+    inverse = ufl.min_value(rise / (most * ufl.diff(reached, end)), 100)  # 1/n; beyond, R saturates
+    share = ufl.conditional(ufl.gt(2 * rise, over), (over / (2 * rise)) ** inverse, 0.5)
+    # at 0 the slope may be infinite
+    return ufl.conditional(ufl.gt(over, 0), ufl.max_value(most * share, 1e-300), 0)
 
 
 def voce(at: At) -> Stated:
@@ -222,18 +245,27 @@ def arrhenius(at: At) -> Stated:
 def primary_creep(at: At) -> Stated:
     """Primary creep p = (q / K)^n t^m at constant stress, by strain hardening: exact in time at constant q.
 
-    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton.
+    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton. Such powers leave the range of numbers at small q
+    and p, with n/m of 25 at q = 1e-13 K. So p after the step is their m-norm, from the flow a = (q / K)^n dt^m of the
+    step alone: (a^(1/m) + p_old^(1/m))^m, as the larger one times a power of their ratio.
     """
     c = at.constants
-    held = at.old.cumulated ** (1 / c.time_exponent)
+    held = at.old.cumulated
+    m = c.time_exponent
 
     def flow(q: Expr) -> Expr:
-        grown = held + (q / c.resistance) ** (c.exponent / c.time_exponent) * at.dt
-        return grown**c.time_exponent - at.old.cumulated
+        alone = (q / c.resistance) ** c.exponent * at.dt**m
+        most = ufl.conditional(ufl.gt(alone, held), alone, held)
+        ratio = (ufl.conditional(ufl.gt(alone, held), held, alone) / most) ** (1 / m)
+        # (1 + x)^m - 1, of which differences of numbers near 1 leave nothing at small x
+        grown = ufl.conditional(ufl.lt(ratio, 1e-6), m * ratio * (1 - (1 - m) / 2 * ratio), (1 + ratio) ** m - 1)
+        flowed = ufl.conditional(ufl.gt(alone, held), alone - held + most * grown, most * grown)
+        return ufl.conditional(ufl.gt(alone, 0), flowed, 0)
 
     def highest(amount: Expr) -> Expr:
-        pace = ((at.old.cumulated + amount) ** (1 / c.time_exponent) - held) / at.dt
-        return c.resistance * pace ** (c.time_exponent / c.exponent)
+        # above a, as the slope of the power 1/m at its end is above that of the chord
+        alone = (amount / m) ** m * (held + amount) ** (1 - m)
+        return c.resistance * (alone / at.dt**m) ** (1 / c.exponent)
 
     return creep(at, flow, highest)
 
@@ -287,6 +319,8 @@ def drucker_prager(at: At) -> Stated:
     return Stated(
         bulk * (trace(elastic) * unit(at.strain) - swollen) + (1 - share) * turned,
         _flowed(at, amount),
+        limit=c.friction - c.dilatancy,
+        reason="its dilatancy is above its friction, so that flow would create energy",
     )
 
 

@@ -1,4 +1,4 @@
-"""A law of a body of a user's own, Bingham's, stated in UFL."""
+"""Laws of bodies of a user's own, stated in UFL."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import ufl
 from needs import present
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.forms.laws import At, Stated, closed
+from hhr_dolfinx.forms.laws import At, Stated, closed, hardening
 
 NOT_NEGATIVE = (-5e-324, float("inf"))
 
@@ -33,3 +33,19 @@ class Bingham(hhr.Law if present("inelastic") else object):  # type: ignore[misc
             return at.dt * ufl.max_value(trial - c.yield_stress, 0) / (c.viscosity + stiff * at.dt)
 
         return closed(at, flow)
+
+
+@dataclass(frozen=True)
+class Ludwik(hhr.Law if present("inelastic") else object):  # type: ignore[misc]
+    """Hardening σ0 + K p^n, whose slope is infinite at p = 0 if n < 1; Hollomon's with σ0 = 0."""
+
+    yield_stress: float | str
+    strength: float | str
+    exponent: float | str
+    unknowns: ClassVar = {"amount": 1}
+    limits: ClassVar = {"yield_stress": NOT_NEGATIVE, "strength": NOT_NEGATIVE, "exponent": (0.0, 2.0)}
+
+    def statement(self, at: At) -> Stated:
+        """q = σ0 + K p^n."""
+        c = at.constants
+        return hardening(at, lambda p: c.yield_stress + c.strength * p**c.exponent)

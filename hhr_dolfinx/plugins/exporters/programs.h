@@ -99,6 +99,14 @@ static inline int model_round_off(const model_program *law, model_place *p) {
     return 1;
 }
 
+/* 1 if all slopes of the residual are finite: a step by an infinite one is 0, and solves nothing. */
+static inline int model_finite_slopes(const model_program *law, const model_place *p) {
+    const int n = law->unknowns;
+    for (int k = 0; k < n * n; k++)
+        if (!isfinite(model_out(law, MODEL_RESIDUAL, n + k, p->work))) return 0;
+    return 1;
+}
+
 /* Solves for the unknowns from those in the work array; 0 if there is no solution. */
 static inline int model_newton(const model_program *law, model_place *p) {
     const int c = MODEL_COMPONENTS, n = law->unknowns;
@@ -107,12 +115,14 @@ static inline int model_newton(const model_program *law, model_place *p) {
         model_run(law, MODEL_RESIDUAL, p->work);
         if (iteration) {
             model_set_step(law, p, next);
-            if (!(model_measure(law, next, largest) <= (1 - 0.25 * share) * last) && share > MODEL_SHARED) {
+            const int nearer = model_measure(law, next, largest) <= (1 - 0.25 * share) * last;
+            if (!(nearer && model_finite_slopes(law, p)) && share > MODEL_SHARED) {
                 share /= 2;
                 for (int i = 0; i < n; i++) p->work[c + i] = p->here[i] + share * p->step[i];
                 continue;
             }
         }
+        if (!model_finite_slopes(law, p)) return 0;
         memcpy(p->here, p->work + c, n * sizeof(double));
         for (int k = 0; k < n * n; k++) p->factors[k] = model_out(law, MODEL_RESIDUAL, n + k, p->work);
         if (!model_lu(p->factors, n, p->pivots)) return 0;

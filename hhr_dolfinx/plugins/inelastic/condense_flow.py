@@ -223,7 +223,7 @@ class CorrectionSettings(Reductor["_Shared"]):
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "attempt"
-    remedy: ClassVar[str] = "allow more modes and points, or train on more histories"
+    remedy: ClassVar[str] = "train on more histories, as more modes and points do not know other ones"
     refusals: ClassVar[tuple[type[HHRError], ...]] = (UnstableModelError, ConvergenceError, NotSolvableError)
 
     def __post_init__(self) -> None:

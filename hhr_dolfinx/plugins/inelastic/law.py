@@ -38,6 +38,7 @@ from hhr_dolfinx.plugins.inelastic.local_solver import (
     AFTER,
     BEYOND,
     LOCAL,
+    NO_SLOPE,
     REST,
     REST_SLOPES,
     SLOPES,
@@ -353,8 +354,14 @@ class LawProgram(Rebuilt):
         worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
         shown = ", ".join(f"{value:.3g}" for value in worst)
         why = "its equations have no solution there, or a step is too large: make smaller steps, and check the units"
+        if self.plane_stress:
+            why = "its equations in plane stress have no slope there, as without hardening, or no solution: give it a "
+            why += "little hardening, such as 1e-5 of its strength, or make smaller steps, and check the units"
         if (result[bad] == BEYOND).any():
-            why = f"{self.reason}: give smaller loads"
+            why = f"{self.reason}: give smaller loads, or other constants"
+        elif (result[bad] == NO_SLOPE).any():
+            why = "the slope of its residual is infinite or no number at an iterate: "
+            why += "return a `start` where it is finite"
         elif self.reason:
             why = f"{why}; or {self.reason}"
         place = f"at {bad.size} points, such as for the strain ({shown})"

@@ -7,6 +7,7 @@ history has the constants of the parameter at its end. For a user-defined law se
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
@@ -231,7 +232,7 @@ class PrimaryCreep(_Stated):
     exponent: float | str
     time_exponent: float | str
     unknowns: ClassVar = _STRESS
-    limits: ClassVar = {**_CREEP, "time_exponent": (0.0, 1.0000001)}
+    limits: ClassVar = {**_CREEP, "time_exponent": (0.0, math.nextafter(1.0, 2.0))}
     stated: ClassVar = "primary_creep"
 
 
@@ -261,7 +262,7 @@ class DruckerPrager(_Stated):
     Attributes:
         cohesion: k, a stress.
         friction: η; of an angle of friction φ and the compressive cone 6 sin φ / (√3 (3 - sin φ)), below √3.
-        dilatancy: ψ, between 0 and η; η is associated.
+        dilatancy: ψ, between 0 and η, which is associated; above it flow would create energy.
         hardening: H, a stress.
     """
 
@@ -271,6 +272,25 @@ class DruckerPrager(_Stated):
     hardening: float | str = 0.0
     limits: ClassVar = {"cohesion": POSITIVE, "friction": _CONE, "dilatancy": _CONE, "hardening": NOT_NEGATIVE}
     stated: ClassVar = "drucker_prager"
+
+    def __post_init__(self) -> None:
+        """Refuse a dilatancy above the friction with a SceneError; the statement refuses that of formulas."""
+        super().__post_init__()
+        if self._checked and float(self.dilatancy) > float(self.friction):
+            raise SceneError(
+                f"the dilatancy {self.dilatancy} of DruckerPrager is above its friction {self.friction}, so that flow "
+                "would create energy: give a dilatancy of at most the friction"
+            )
+
+    @property
+    def _checked(self) -> bool:
+        """True if friction and dilatancy are numbers, and not formulas."""
+        return not {"friction", "dilatancy"} & set(self.formulas)
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        stated = super().statement(at)
+        return stated._replace(limit=None, reason="") if self._checked else stated
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
 """Unknowns of laws at many points: Newton's method, compiled once for all laws.
 
-A point is solved when a step changes each unknown by less than :data:`DONE` of the largest unknown of its kind, and
-that step was made: what is left is its square. A residual has a unit and says nothing of the unknown. The line search
-takes Deuflhard's natural test, whether the last factors make a shorter step of the new residual (Deuflhard 2011,
-section 3.3): it depends on no unit either.
+A point is solved when a step changes each unknown by less than :data:`DONE` of the largest unknown
+of its kind, and that step was made: what is left is its square. A residual has a unit and says
+nothing of the unknown. A slope dr/dy that is infinite or NaN, as of p^n with n < 1 at p = 0, makes
+a step of length 0 and solves nothing: the line search rejects such an iterate, and a point that
+starts there ends with :data:`NO_SLOPE`. The line search takes Deuflhard's natural test, whether the
+last factors make a shorter step of the new residual (Deuflhard 2011, section 3.3): it depends on no
+unit either.
 
 Points go through the machine in blocks. In a block all points go on until the last one is solved; those that are
 solved, or need no solution, stay as they are.
@@ -15,7 +18,8 @@ components of strain, u unknowns y and a residual r(y) = 0:
 - ``iterate``, ``steps``, ``new``: y, its last accepted Newton step, and the next step or -r, (u, m).
 - ``factors``, ``pivots``: LU factors of dr/dy, (u, u, m), and rows exchanged, (u, m); later a tuple of both and room
   for (dr/dy)^-1 dr/dε, (c, u, m).
-- ``which``: points to work on, (m,), a bool; ``open_``: results, (m,), -:data:`NOT_SOLVED` where iterations failed.
+- ``which``: points to work on, (m,), a bool; ``open_``: results, (m,), negative where iterations failed.
+- ``finite``: points at which all of dr/dy is finite, (m,), a bool.
 - ``kinds``: number of the variable that each unknown is a component of, (u,); ``weights``: size of each, (u, m).
 - ``found``: stress, memory, tangents and results of all n points, see :func:`solve_points`; the block has ``count``
   of them from number ``first``.
@@ -43,8 +47,8 @@ LEAST_SHARE = 1 / 4096
 DONE = 1e-9
 ROUND_OFF = 1e-14
 """Part of a strain that counts as its round-off: differences of strains that an equation takes have some more."""
-SOLVED, NOT_SOLVED, BEYOND = range(3)
-"""Results at a point; ``BEYOND`` is beyond the limit that a law states."""
+SOLVED, NOT_SOLVED, BEYOND, NO_SLOPE = range(4)
+"""Results at a point; ``BEYOND`` is beyond the limit that a law states, ``NO_SLOPE`` has a dr/dy that is not finite."""
 
 
 class Code(NamedTuple):
@@ -140,6 +144,7 @@ def _newton(code, law, work, open_, factors, pivots):
     length = np.zeros(count)
     share = np.ones(count)
     chosen = np.zeros(count, dtype=np.bool_)
+    finite = np.zeros(count, dtype=np.bool_)
     outputs = code.outputs[code.output_starts[law, LOCAL] :]
     for iteration in range(ITERATIONS):
         pending = 0
@@ -149,12 +154,14 @@ def _newton(code, law, work, open_, factors, pivots):
         if pending == 0:
             return
         run(code.rows, code.starts[law, LOCAL], code.ends[law, LOCAL], work)
+        _mark_finite(outputs[size:], work, size * size, finite)
         if iteration > 0:
             _negate(outputs, work, chosen, new)
             _solve(factors, pivots, chosen, new)
             _measure(new, weights, kinds, length)
             for k in range(count):
-                if chosen[k] and not length[k] <= (1 - 0.25 * share[k]) * last[k] and share[k] > LEAST_SHARE:
+                accepted = finite[k] and length[k] <= (1 - 0.25 * share[k]) * last[k]
+                if chosen[k] and not accepted and share[k] > LEAST_SHARE:
                     share[k] *= 0.5
                     chosen[k] = False
                     for i in range(size):
@@ -174,8 +181,10 @@ def _newton(code, law, work, open_, factors, pivots):
             if chosen[k]:
                 share[k] = 1.0
                 last[k] = length[k]
-                if not length[k] < np.inf:
-                    open_[k] = -NOT_SOLVED  # no more iterations
+                if not finite[k]:
+                    open_[k] = -NO_SLOPE  # no more iterations, as after the next one
+                elif not length[k] < np.inf:
+                    open_[k] = -NOT_SOLVED
                 elif length[k] <= DONE:
                     open_[k] = SOLVED
     _settle(code, law, work, open_, factors, pivots, iterate, steps)
@@ -215,6 +224,16 @@ def _settle(code, law, work, open_, factors, pivots, iterate, steps):
                 small = small and abs(steps[i, k]) <= ROUND_OFF * scale * noise[i, k]
             if small:
                 open_[k] = SOLVED
+
+
+@compiled(inner=True)
+def _mark_finite(outputs, work, count, finite):
+    """Set ``finite``: true at points where ``count`` outputs of the last run are all finite."""
+    finite[:] = True
+    for i in range(count):
+        row = work[outputs[i]]
+        for k in range(finite.size):
+            finite[k] = finite[k] and abs(row[k]) < np.inf
 
 
 @compiled(inner=True)
@@ -384,7 +403,7 @@ def solve_points(
 
     The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants (constants, n), or
     (constants, 1) if they are the same at all points, C^-1 is (c, c). Memory and constants may have more rows than the
-    law. ``result`` is one of :data:`SOLVED`, :data:`NOT_SOLVED`, :data:`BEYOND` at each point.
+    law. ``result`` is one of :data:`SOLVED` and the others at each point.
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -402,7 +421,7 @@ def solve_points(
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, found, factors)
     _set_inelastic(start, end, strain, old, compliance, stress, new)
-    for i in range(strains, code.sizes[law, MEMORY]):
+    for i in range(code.sizes[law, MEMORY]):  # the inelastic strain is no number if the stress is none
         for k in range(start, end):
             if not abs(new[i, k]) < np.inf:
                 result[k] = max(result[k], NOT_SOLVED)

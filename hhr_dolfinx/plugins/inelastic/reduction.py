@@ -18,6 +18,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import flowing
+from hhr_dolfinx.plugins.inelastic.softening import warn_of_softening
 from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, rows_of, state, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.reduction.recipe import Recipe
@@ -62,8 +63,9 @@ def checked_histories(
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for errors or a training range close to a limit.
+        StabilityWarning: for errors or a training range close to a limit, and for laws that soften in training.
     """
+    warn_of_softening(full, snapshots)
     comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
     # validation paths are not training: their errors would widen the training range to similar ones
     signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,15 +27,19 @@ WRONG = {
 }
 """What the check says of a law: what is wrong, and what to do."""
 POINTS = 60
+LEGS = 200
+CLOSED = 1e-3
+"""Steps of a leg of a path whose work is summed, and the error of the sum over E times a strain squared."""
 
 
 @blaming
 def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1) -> None:
     """Check a law of a body with numbers as constants, along random paths of strains in the plane.
 
-    An inelastic law must dissipate, an elastic one must have symmetric tangents and forget its path. Of both, tangents
-    are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E, and a file answers the same.
-    Paths start without stress: heat, which is constant, has strained the points before.
+    An inelastic law must dissipate: σ:Δε_in is not negative, or, if it does not unload along its elasticity at rest,
+    as a gasket, the work from rest is not. An elastic one must have symmetric tangents and forget its path. Of both,
+    tangents are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E. A file answers the
+    same. Paths start without stress: heat, which is constant, has strained the points before.
 
     Args:
         law: of small strains, or a function without arguments that makes it; wrong ones raise ConformanceError.
@@ -51,14 +57,20 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     old, inelastic, flows = start, before, _flows(program)
     work = np.zeros(POINTS)
     random = np.random.default_rng(0)
+    paths = [before]
+    linear = np.ones(POINTS, dtype=bool)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)
         found = material.update(path, old, dt, tangent=True)
+        paths.append(path)
         if flows:  # the inelastic strain is that of its elasticity, not of the body's
             last, inelastic = inelastic, path - np.einsum("nij,nj->ni", compliance, found.stress)
             work += np.einsum("nc,nc->n", found.stress, inelastic - last)
-            lost = -float(work.min()) / (young * strain**2)
-            require(lost <= 1e-9, WRONG["energy"], lost)
+            lost = -work / (young * strain**2)
+            linear &= _unloads_by(compliance, material, paths, found.state, dt)
+            if lost.max() > 1e-9 and not linear[lost > 1e-9].any():
+                lost = -_least_work(material, [*paths, paths[0]], start, dt) / (young * strain**2) - CLOSED
+            require(float(lost.max()) <= 1e-9, WRONG["energy"], float(lost.max()))
         else:
             _check_symmetry(np.asarray(found.tangents), young)
             other = np.abs(material.update(path, start, dt, tangent=False).stress - found.stress).max()
@@ -71,6 +83,33 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
     same = Material([Group(np.arange(POINTS), young, poisson, again)], 4).update(before, old, dt, tangent=False)
     there = material.update(before, old, dt, tangent=False)
     require(np.array_equal(same.stress, there.stress), WRONG["file"])
+
+
+def _unloads_by(
+    compliance: np.ndarray, material: Material, paths: Sequence[np.ndarray], state: State, dt: float
+) -> np.ndarray:
+    """True at points that unload along the elasticity at rest, so that ε - C^-1 σ is their inelastic strain."""
+    change = 1e-6 * (paths[-1] - paths[-2])
+    found = np.zeros(POINTS, dtype=bool)
+    for way in (-1, 1):  # one of them unloads
+        moved = paths[-1] + way * change
+        slopes = compliance @ np.asarray(material.update(moved, state, 1e-9 * dt, tangent=True).tangents)
+        found |= np.abs(slopes @ compliance - compliance).max(axis=(1, 2)) <= 1e-4 * np.abs(compliance).max()
+    return found
+
+
+def _least_work(material: Material, paths: Sequence[np.ndarray], state: State, dt: float) -> np.ndarray:
+    """Smallest work ∫ σ:dε of each point on a path from rest, after any of its legs, by the trapezoidal rule."""
+    total = least = np.zeros(POINTS)
+    last = np.zeros_like(paths[0])
+    for begin, end in pairwise(paths):
+        for share in np.linspace(0, 1, LEGS + 1)[1:]:
+            found = material.update(begin + share * (end - begin), state, dt / LEGS, tangent=False)
+            total = total + np.einsum("nc,nc->n", (last + found.stress) / 2, end - begin) / LEGS
+            last = found.stress
+            state = found.state
+        least = np.minimum(least, total)
+    return least
 
 
 def _flows(program: LawProgram) -> bool:

@@ -110,11 +110,13 @@
       let here = null, step = null, share = 1, last = Infinity;
       for (let iteration = 0; iteration < ITERATIONS; iteration++) {
         this.run(LOCAL);
-        if (here && !(measure(this.step()) <= (1 - 0.25 * share) * last) && share > LEAST_SHARE) {
+        const finite = Array.from({ length: n * n }, (_, k) => this.out(LOCAL, n + k)).every(Number.isFinite);
+        if (here && !(finite && measure(this.step()) <= (1 - 0.25 * share) * last) && share > LEAST_SHARE) {
           share /= 2;
           for (let i = 0; i < n; i++) work[c + i] = here[i] + share * step[i];
           continue;
         }
+        if (!finite) return false; // a step by an infinite slope is 0, and solves nothing
         here = work.slice(c, c + n);
         for (let k = 0; k < n * n; k++) this.factors[k] = this.out(LOCAL, n + k);
         if (!hhr.factor(this.factors, n, this.pivots)) return false;

@@ -91,7 +91,7 @@ def _settled_memory() -> Iterator[None]:
         gc.unfreeze()
 
 
-def model_of(training: Training, recipe: Recipe) -> tuple[KeptModel, list[dict[str, str]]]:
+def model_of(training: Training, recipe: Recipe | None) -> tuple[KeptModel, list[dict[str, str]]]:
     """Model under study: the hyper-reduced one; the condensed one, with the reason, if a scene has no such model."""
     try:
         return training.build(recipe), []

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from decimal import Decimal, localcontext
 from pathlib import Path
 from typing import ClassVar
 
@@ -15,16 +16,17 @@ import pytest
 import ufl
 from points import LAWS, POISSON, SHEAR, WOOD, YOUNG, Point, at_rest
 from scipy.optimize import brentq
-from toy_law import Bingham
+from toy_law import Bingham, Ludwik
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.errors import ConformanceError, ConvergenceError, SceneError
 from hhr_dolfinx.forms import laws as forms
 from hhr_dolfinx.plain import as_plain
 from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, Law, State, program_of
 from hhr_dolfinx.plugins.inelastic.local_solver import LOCAL, REST, START, TRIAL
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.machine import evaluated
+from hhr_dolfinx.testing import check_law
 
 
 def size(law):
@@ -94,6 +96,113 @@ def test_a_point_just_about_to_yield_has_an_answer(name):
     assert found.stress == pytest.approx(sizes[:, None] * (given.elastic @ direction), rel=1e-9, abs=1e-9)
 
 
+HARDENING = [Ludwik(300.0, 500.0, 0.3), Ludwik(300.0, 500.0, 0.7), Ludwik(0.0, 500.0, 0.2), Ludwik(0.0, 500.0, 0.5)]
+
+
+@pytest.mark.parametrize("law", HARDENING, ids=["Ludwik .3", "Ludwik .7", "Hollomon .2", "root"])
+@pytest.mark.parametrize("kind", ["solid", "plane stress"])
+def test_a_law_with_an_infinite_slope_flows_by_its_closed_form(law, kind):
+    """A pull ends at q = R(p), e = q/E + p, whatever the steps: the root of this equation by brentq."""
+
+    def pulled(strain):
+        left = lambda p: YOUNG * (strain - p) - law.yield_stress - law.strength * p**law.exponent  # noqa: E731
+        plastic = brentq(left, 0, strain, xtol=1e-18) if left(0) > 0 else 0.0
+        return YOUNG * (strain - plastic)
+
+    for steps in (1, 3, 40):
+        how = {"components": 4, "plane_stress": True} if kind == "plane stress" else {}
+        point = Point(law, **how)
+        for strain in np.linspace(0, 0.02, steps + 1)[1:]:
+            across = {2: -POISSON * strain} if how else {}  # which a law in plane stress does not read
+            assert point.step({0: strain, **across})[0] == pytest.approx(pulled(strain), rel=1e-8)
+        assert point.step({0: strain - 1e-4, **across})[0] == pytest.approx(pulled(strain) - 1e-4 * YOUNG, rel=1e-8)
+
+
+@pytest.mark.parametrize("law", HARDENING, ids=["Ludwik .3", "Ludwik .7", "Hollomon .2", "root"])
+def test_a_flow_of_any_size_has_an_infinite_slope_before_it(law):
+    """Shear from where the law is about to yield, over 16 decades: q_tr = R(p) + 3 μ p, by brentq in log p."""
+    start = law.yield_stress / 3 / SHEAR
+    sizes = np.logspace(-16, 0, 33)
+    strain = np.zeros((sizes.size, 6))
+    strain[:, 3] = np.sqrt(1.5) * (start + sizes)
+    program = program_of(law, 6)
+    found = program.update(strain, at_rest(program, sizes.size), 1.0, program.given(YOUNG, POISSON), tangent=True)
+    for trial, stress in zip(2 * SHEAR * strain[:, 3] * np.sqrt(1.5), found.stress[:, 3] * np.sqrt(1.5), strict=True):
+
+        def left(size, trial=trial):
+            p = np.exp(size)
+            return trial - 3 * SHEAR * p - law.yield_stress - law.strength * p**law.exponent
+
+        flow = np.exp(brentq(left, -700, 1, xtol=1e-14)) if left(-700) > 0 else 0.0
+        assert stress == pytest.approx(trial - 3 * SHEAR * flow, rel=1e-9)
+    assert np.isfinite(found.tangents).all()
+
+
+def test_check_law_accepts_hardening_with_an_infinite_slope():
+    """Strengths in GPa, as on the page of laws; the energy that flow takes is positive for each n."""
+    for law in HARDENING:
+        check_law(replace(law, yield_stress=law.yield_stress / 1e3, strength=law.strength / 1e3), young=200.0)
+
+
+@dataclass(frozen=True)
+class Gasket(Law):
+    """Elastic, and across x a pressure k e^2 of the closure e = -ε_xx; below e_max k e_max^2 (e/e_max)^n."""
+
+    stiffness: float
+    returned: float
+    memory: ClassVar = {"closed": NUMBER}
+
+    def statement(self, at):
+        """Loading takes k e^3/3, and unloading gives back k e^3/(n + 1)."""
+        c = at.constants
+        closure = ufl.max_value(-at.strain[0], 0)
+        closed = ufl.max_value(closure, at.old.closed)
+        share = ufl.conditional(ufl.gt(closed, 0), closure / closed, 0)
+        pressure = c.stiffness * closed**2 * share**c.returned
+        across = ufl.as_vector([1.0] + [0.0] * (len(at.strain) - 1))
+        memory = {"closed": closed, "cumulated": at.old.cumulated + closed - at.old.closed}
+        return forms.Stated(0.05 * forms.hooke(at.strain, c) - pressure * across, memory)
+
+
+def test_check_law_judges_a_gasket_by_the_work_of_its_path():
+    """It stiffens, so that ε - C^-1 σ goes against the stress; it dissipates if n > 2, and creates energy if n < 2."""
+    check_law(Gasket(5e3, 4.0), young=200.0)
+    with pytest.raises(ConformanceError, match="gives back"):
+        check_law(Gasket(5e3, 1.0), young=200.0)
+
+
+@dataclass(frozen=True)
+class Steep(Law):
+    """Ludwik's law with a residual of its own, whose slope at the first iterate is infinite unless that is moved."""
+
+    first: float
+    unknowns: ClassVar = {"amount": NUMBER}
+
+    def statement(self, at):
+        """q_tr - 3 μ Δp = 300 + 500 √p."""
+        trial = 2 * forms.lame(at.constants)[1] * forms.deviator(at.strain - at.old.inelastic)
+        size, stiff = forms.equivalent(trial), 3 * forms.lame(at.constants)[1]
+        p = at.old.cumulated + at.unknown.amount
+        mean = forms.hooke(at.strain, at.constants) - 2 * stiff / 3 * forms.deviator(at.strain)
+        return forms.Stated(
+            mean + (1 - stiff * at.unknown.amount / size) * trial,
+            {"cumulated": p},
+            [size - stiff * at.unknown.amount - 300 - 500 * ufl.sqrt(p)],
+            size - 300 - 500 * ufl.sqrt(at.old.cumulated),
+            {"amount": at.constants.first},
+        )
+
+
+def test_a_step_by_an_infinite_slope_solves_nothing():
+    """Newton's step is r/∞ = 0 there: the law is refused with the remedy, which then gives the root of hardening."""
+    with pytest.raises(ConvergenceError, match=r"slope of its residual is infinite .* return a `start`"):
+        Point(Steep(0.0)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    mended = Point(Steep(1e-8)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    same = Point(Ludwik(300.0, 500.0, 0.5)).after([0.02, -0.01, -0.01, 0, 0, 0])
+    assert mended.stress == pytest.approx(same.stress, rel=1e-9)
+    assert mended.tangents == pytest.approx(same.tangents, abs=1e-9 * YOUNG)
+
+
 def test_newton_steps_at_a_point_are_quadratic():
     """The size of each step of Chaboche's law is below a bound times the square of the last."""
     program = program_of(LAWS["Chaboche"], 6)
@@ -146,6 +255,24 @@ def test_creep_and_relaxation_by_their_curves():
     assert stress == pytest.approx(exact, rel=1e-3)  # implicit Euler in 2000 steps
 
 
+@pytest.mark.parametrize(("exponent", "time_exponent"), [(5.0, 0.2), (10.0, 0.3), (1.0, 0.04), (1.0, 1.0)])
+def test_primary_creep_answers_at_stresses_of_round_off(exponent, time_exponent):
+    """p^(1/m) = p_old^(1/m) + (q/K)^(n/m) dt, in forty decimal digits, where such powers are no doubles any more."""
+    m = Decimal(time_exponent)
+    with localcontext() as context:
+        context.prec = 40
+        for trial in (1e-14, 1e-9, 1e-3):
+            for held in (0.0, 1e-6):
+                point = Point(hhr.PrimaryCreep(400.0, exponent, time_exponent))
+                point.state = point.state._replace(cumulated=np.array([held]))
+                found = point.after(np.array([2.0, -1.0, -1.0, 0, 0, 0]) * trial / 6 / SHEAR)
+                left = found.stress[0, 0] - found.stress[0, 1]
+                grown = (Decimal(left) / 400) ** (Decimal(exponent) / m) + Decimal(held) ** (1 / m)
+                flow = float(grown**m - Decimal(held))
+                assert left + 3 * SHEAR * flow == pytest.approx(trial, rel=1e-8)
+                assert np.isfinite(found.tangents).all()
+
+
 def test_plasticity_with_creep_yields_above_and_creeps_below():
     point = Point(LAWS["plasticity with creep"])
     assert point.step({0: 0.01}, 1e-9)[0] == pytest.approx(250 + 2000 * point.state.inelastic[0, 0], rel=1e-6)
@@ -169,6 +296,31 @@ def test_drucker_prager_in_triaxial_compression_and_at_its_tip():
     assert plastic[:3].sum() / plastic[0] == pytest.approx(0.1 / (0.1 / 3 - 1 / np.sqrt(3)), rel=1e-9)
     tip = Point(law).after([0.01, 0.011, 0.012, 0, 0, 0]).stress[0]
     assert tip == pytest.approx([100 / 0.3] * 3 + [0] * 3, abs=1e-9)
+
+
+def test_drucker_prager_refuses_to_create_energy():
+    """Dilatancy above friction: Δεp:σ = Δλ (k + (ψ - η) σ_m) < 0 under a large pressure; of formulas in a step."""
+    with pytest.raises(SceneError, match=r"dilatancy 0.3 of DruckerPrager is above its friction 0.1"):
+        hhr.DruckerPrager(100.0, 0.1, 0.3)
+    formula = program_of(hhr.DruckerPrager(100.0, "f", 0.3), 6)
+    strain = np.array([[0.01, 0, 0, 0, 0, 0]])
+    refused, held = (formula.with_numbers({"friction": friction}) for friction in (0.1, 0.4))
+    with pytest.raises(ConvergenceError, match="dilatancy is above its friction, so that flow would create energy"):
+        refused.update(strain, at_rest(refused), 1.0, refused.given(YOUNG, POISSON), tangent=False)
+    same = Point(hhr.DruckerPrager(100.0, 0.4, 0.3)).after(strain[0]).stress
+    there = held.update(strain, at_rest(held), 1.0, held.given(YOUNG, POISSON), tangent=False)
+    assert there.stress == pytest.approx(same, rel=1e-12)
+
+
+def test_drucker_prager_in_plane_stress_without_hardening_says_what_helps():
+    """At the tip nothing resists a strain across; with the hardening that is advised the stress is on the cone."""
+    strain = [0.0207, -0.00213, 0, 0.00629]
+    with pytest.raises(ConvergenceError, match=r"in plane stress have no slope .* a little hardening"):
+        Point(hhr.DruckerPrager(100.0, 0.3, 0.1), 4, plane_stress=True).after(strain)
+    found = Point(hhr.DruckerPrager(100.0, 0.3, 0.1, 1e-3), 4, plane_stress=True).after(strain)
+    mean = found.stress[0, :3].sum() / 3
+    shear = found.stress[0] - mean * np.array([1, 1, 1, 0])
+    assert np.sqrt(shear @ shear / 2) + 0.3 * mean == pytest.approx(100 + 1e-3 * found.state.cumulated[0], rel=1e-9)
 
 
 def test_hill_yields_along_each_axis_of_its_frame():

@@ -6,12 +6,12 @@ import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from condensing import FINE, QUIET, condensed, up
+from condensing import FINE, QUIET, TIGHT, condensed, up
 from needs import needs
 from points import WOOD
 from scenes import block_scene, node_dofs, pair_scene, pressed_block, slope, whole_domain
 from scipy.optimize import brentq
-from toy_law import Bingham
+from toy_law import Bingham, Ludwik
 from tubes import POISSON, YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
@@ -108,6 +108,32 @@ def uniaxial(law, strains):
         plastic, cumulated = plastic + np.sign(trial) * flow, cumulated + flow
         stresses.append(YOUNG * (strain - plastic))
     return np.array(stresses)
+
+
+@pytest.mark.parametrize("exponent", [0.3, 0.7])
+def test_pressed_blocks_harden_by_ludwik_in_full_and_condensed(exponent):
+    """Uniaxial stress on a floor: pressure σ0 + K p^n with e = σ/E + p, by brentq, in steps of several sizes."""
+    law = Ludwik(300.0, 500.0, exponent)
+    base = pressed_block("plane_stress", young=YOUNG, gap=0.0, cells=2)
+    full = hhr.FullOrderModel(dataclasses.replace(base, bodies=(hhr.Body(block.SOLID, 200e3, 0.3, law),)))
+
+    def pressed(push):
+        strain = push / 2
+        over = lambda p: 200e3 * (strain - p) - 300.0 - 500.0 * p**exponent  # noqa: E731
+        return 1.5 * 200e3 * (strain - (brentq(over, 0, strain, xtol=1e-18) if over(0) > 0 else 0.0))
+
+    histories = []
+    for steps in (1, 4, 13):
+        path = [(float(k), np.array([0.06 * k / steps])) for k in range(steps + 1)]
+        histories.append(full.march(path, TIGHT))
+        for (_, point), answer in zip(path[1:], histories[-1].answers, strict=True):
+            assert answer.forces().sum() == pytest.approx(pressed(point[0]), rel=1e-6, abs=1e-6)
+    model = condensed(full, histories[1:])
+    for steps in (1, 3, 20):
+        path = [(float(k), np.array([0.05 * k / steps])) for k in range(steps + 1)]
+        history = model.march(path, TIGHT)
+        for (_, point), answer in zip(path[1:], history.answers, strict=True):
+            assert answer.forces().sum() == pytest.approx(pressed(point[0]), rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("law", ["plasticity", "perfect plasticity", "norton 4", "bingham"])

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from needs import needs
 from scenes import pressed_pair, slope, space
 from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
+from toy_law import Ludwik
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -82,6 +83,7 @@ LAWS = {
     "wood": (hhr.Plasticity(0.05, 0.2), WOOD),
     "wood, heat": (hhr.Plasticity(0.05, 0.2), hhr.Heated(WOOD, 0.1, "push * (1 + y)")),
     "fibres": (hhr.Plasticity(0.045, 0.2), Fibres(3.0, 2.0, 6.0, 0.07, 0.3)),
+    "infinite slope": (Ludwik(0.04, 0.2, 0.4), None),
     "plane stress": (hhr.Voce(0.05, 0.02, 20.0, 0.4), None),
 }
 """Laws of both bodies, by a name, and in plane stress where that says so."""
