@@ -273,7 +273,9 @@ class ParameterSpace:
         except ParameterError:  # a ValueError too
             raise
         except (TypeError, ValueError):
-            raise ParameterError(f"a table of points needs numbers in columns {self.names}, got {rows!r}") from None
+            raise ParameterError(
+                f"a table of points needs numbers in columns {self.names}, one row per point, got {rows!r}"
+            ) from None
         count = len(self.names)
         if points.ndim == 1 and count == 1:
             points = points[:, None]

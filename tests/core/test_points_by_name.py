@@ -1,4 +1,4 @@
-"""Whatever has names is read by name: mappings, structured arrays, named tuples, of one point, of many, and of paths."""
+"""Whatever has names is read by name: mappings, structured arrays, named tuples, of points, tables and paths."""
 
 from typing import NamedTuple
 
