@@ -17,7 +17,7 @@ import numpy as np
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
 from hhr_dolfinx.body import Body, laws_of_scenes
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
@@ -32,6 +32,7 @@ from hhr_dolfinx.parameters import (
     is_whole,
 )
 from hhr_dolfinx.units import Units
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import PairLaw
@@ -215,6 +216,14 @@ class Scene:
         for place, law in enumerate(self.laws):
             if law is not None:
                 law.check(self, f"contact {place} of scene '{self.name}'")
+        for output in self.outputs:
+            own = None if self.units is None else self.units.conflict(getattr(output, "unit", ""))
+            if own is not None:
+                warn(
+                    f"output '{output.name}' has the unit '{output.unit}', and numbers of scene '{self.name}' are in "
+                    f"{own}: a unit is a label and converts nothing, so correct it",
+                    SceneWarning,
+                )
 
     def _check_parameter_units(self) -> None:
         given = self.parameter_units

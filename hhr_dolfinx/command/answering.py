@@ -33,15 +33,18 @@ def largest_values(
     if scene is not None and scene.units is not None:
         length = scene.units.length
         force = scene.units.force_in(scene.hypothesis)
+    elif scene is not None and scene.hypothesis.startswith("plane"):
+        force = "per unit depth"
     displacement = answer.displacement().reshape(-1, dimension)
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
     several = pairs is not None and np.unique(pairs).size > 1
+    normal = "normal " if forces.size < answer.forces().size else ""  # there are others, such as friction
     if pairs is None or scene is None:
-        rows[_with_unit("sum of the forces of all contacts", force)] = float(forces.sum())
+        rows[_with_unit(f"sum of the {normal}forces of all contacts", force)] = float(forces.sum())
     else:
         for number in np.unique(pairs):
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
-            name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
+            name = f"sum of the {normal}forces of contact{which}" if several else f"sum of {normal}contact forces"
             rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
     return rows | {"active contacts": int((forces > 0).sum())} | answer.memory.counted()
 
