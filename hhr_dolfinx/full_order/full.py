@@ -223,7 +223,8 @@ class FullOrderModel(FullModel):
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         start = None if isinstance(start, str) else start
         answer = self.system.answer(point, start, self.pairs, self, gradient)
-        self.strains.look(answer)
+        if answer.converged:  # strains of an iterate of a search without an end mean nothing
+            self.strains.look(answer)
         return answer
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:

@@ -23,6 +23,7 @@ from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
 from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
 from hhr_dolfinx.errors import (
     ClaimError,
+    ConvergenceError,
     HHRError,
     NotOfferedError,
     NotSolvableError,
@@ -36,7 +37,7 @@ from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.reduction.interface import bodies_of
 from hhr_dolfinx.registry import Way
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
@@ -49,6 +50,8 @@ MOST_TRAINING_COMPARED = 50
 """Approximate number of training solutions that are compared if none were held out."""
 SURE = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
+MOST_FRESH = 16
+"""Points at which a full answer is solved for at most: a box may have points without an equilibrium."""
 MOST_SURE = 4
 """Held-out answers with which such a model is compared at most: one that is not exact is off nearly everywhere."""
 ROUND_OFF = 1e-6
@@ -344,9 +347,21 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     if known is None and (full.law.remembers or full.equilibrium is not None):
         known = task.snapshots
     elif known is None and task.sure:
-        known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
+        known = _fresh(full, task.sure)
     if known is not None:
         check_claim(_name_of(reductor), full, model, known)
+
+
+def _fresh(full: FullModel, count: int) -> SnapshotSet:
+    """Full answers at random points; at more of them if none of the first has an answer, as beyond a limit load.
+
+    Raises:
+        ConvergenceError: if none has one.
+    """
+    points = full.parameters.random(max(count, MOST_FRESH), seed=count)
+    with suppress(ConvergenceError):
+        return compute_snapshots(full, points[:count], lost=Lost())
+    return compute_snapshots(full, points[count:], lost=Lost())
 
 
 def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
