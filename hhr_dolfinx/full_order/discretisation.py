@@ -245,9 +245,10 @@ class Discretisation(DiscreteSpace):
         free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose, problem.followers)
         if free:
             if "kernel" not in registry.named("tools"):
+                why = registry.remedy("tools", "kernel")
                 raise NotSolvableError(
                     f"{free[0].name} can move freely: it {described(free[0], free[0].left)}, and no installed plug-in "
-                    "solves for motions. Impose displacements that hold every body without its contacts"
+                    f"solves for motions{why}. Impose displacements that hold every body without its contacts"
                 )
             problem = replace(problem, kernel=kernels().of(self.scene, problem, free))
         return self._warned(problem)

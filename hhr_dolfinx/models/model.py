@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
@@ -368,17 +367,3 @@ class KeptModel(AnsweringModel):
         if self.fields.functionals is not None:
             places = 0 if self.fields.flow is None else self.fields.flow.places
             self.fields.functionals.check(self.parameters, self.conditions, places)
-
-
-def _former(name: str) -> property:
-    """Law of the contacts by the former name of the attribute, for one version."""
-
-    def law(model: AnsweringModel) -> ContactLaw | None:
-        warn(f"model.{name} is now model.law", DeprecationWarning)
-        return model.law if model.law.plugin else None
-
-    return property(law)
-
-
-for _name in registry.named("pair_laws"):  # no __getattr__: with one, every attribute of a query takes longer
-    setattr(AnsweringModel, _name, _former(_name))

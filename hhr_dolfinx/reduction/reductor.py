@@ -452,7 +452,7 @@ OWN = (
 def ways(full: FullModel) -> list[Way]:
     """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
     every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
-    return sorted((way for way in every if way.wanted(full)), key=lambda way: not way.condenses)
+    return sorted((way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses)
 
 
 def condensing(full: FullModel) -> type[Reductor]:

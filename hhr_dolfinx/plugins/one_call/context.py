@@ -241,7 +241,7 @@ class SearchContext:
         if not found and self.family is None:  # a part of the box may have answers
             questions = self.full.parameters.random(HOPELESS, seed)[count:]
             found += islice(self._answers(questions, "fresh answers", lost), SURE)
-        if not found:
+        if not found and self._first_failure:
             raise self._few(f"none of {len(self._known)} queries of the box has an answer")
         lost.warn(len(found) + len(lost.failures), 1, "fresh queries")
         self._look(found)

@@ -97,7 +97,8 @@ class Training(Shown):
         """Method that a plug-in adds."""
         places = registry.named("kinds") | registry.named("methods")
         if name.startswith("_") or name not in places:
-            raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
+            why = registry.remedy("kinds", name) or registry.remedy("methods", name)
+            raise AttributeError(f"a training has no {name!r}{why or ', and no installed plug-in adds it'}")
         return partial(registry.load(places[name]), self)
 
     def condense(self, settings: object = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
