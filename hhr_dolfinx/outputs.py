@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
@@ -124,7 +125,7 @@ class Output(Protocol):
 
 
 @dataclass(frozen=True)
-class NamedOutput:
+class NamedOutput(KnownArguments):
     """Base class of outputs; ``vectors`` names the fields with coordinates or components."""
 
     vectors: ClassVar[tuple[str, ...]] = ()

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 
 PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
@@ -119,7 +120,7 @@ def check_count_and_seed(what: str, count: object, seed: object) -> None:
 
 
 @dataclass(frozen=True)
-class ParameterSpace:
+class ParameterSpace(KnownArguments):
     """The box in which a scene is solved.
 
     Attributes:

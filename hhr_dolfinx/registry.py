@@ -135,7 +135,8 @@ def installed() -> Mapping[str, Plugin]:
                 _leave_out(plugin.name, f"{point.value} has the name of another plug-in: give it a name of its own")
             continue
         if taken := [key for key, place in registered.items() if owners.get(key, (place, ""))[0] != place]:
-            (what, name), (place, owner) = taken[0], owners[taken[0]]
+            what, name = taken[0]
+            place, owner = owners[taken[0]]
             _leave_out(plugin.name, f"it registers {name!r} among {what}, which is {place} of the plug-in '{owner}'")
             continue
         plugins[plugin.name] = plugin

@@ -66,7 +66,8 @@ class Units:
 
         Products and quotients of lengths, stresses, forces and works are compared, such as ``N/mm`` and ``kN m``.
         """
-        size, stress, length = 1.0, 0, 0
+        size = 1.0
+        stress = length = 0
         for sign, symbol, exponent in re.findall(r"([/*·\s]*)([A-Za-z]+)\^?([\d²³]?)", unit):
             power = (-1 if "/" in sign else 1) * int((exponent or "1").translate(_EXPONENTS))
             for known, of_stress, of_length in ((LENGTHS, 0, 1), (STRESSES, 1, 0), (FORCES, 1, 2), (_WORK, 1, 3)):

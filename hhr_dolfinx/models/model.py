@@ -76,6 +76,10 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
     return statuses
 
 
+NOTHING: Mapping[str, float] = MappingProxyType({})
+"""Parameters of a query that has none, which is refused."""
+
+
 class AnsweringModel(Shown):
     """Base of all kinds of models; each implements its solution, and may override methods by faster ones.
 
@@ -161,7 +165,7 @@ class AnsweringModel(Shown):
 
     def solve(
         self,
-        mu: PointLike,
+        mu: PointLike = NOTHING,
         *,
         start: Start = NEAREST,
         raise_on_failure: bool = True,
@@ -174,6 +178,9 @@ class AnsweringModel(Shown):
         Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
         arguments of this step, see :meth:`Equilibrium.one_step`.
         """
+        if not step.keys().isdisjoint(self.parameters.names) or mu is NOTHING:
+            given = ", ".join(f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names)
+            raise ParameterError(f"parameters are one argument, a mapping by their names: solve({{{given}}})")
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
@@ -286,7 +293,7 @@ class AnsweringModel(Shown):
             return self.equilibrium.march(checked, settings)
         return self.follow(checked, settings) if self.law.remembers else solve_along(self, checked, settings)
 
-    def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
+    def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
 
         Raises:

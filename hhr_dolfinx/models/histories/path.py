@@ -47,7 +47,7 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
 
 def _pair(step: Any) -> Any:
     """Time and parameters of a step of a path; of one that has the name ``time``, the other names are parameters."""
-    named = None if isinstance(step, tuple) and not hasattr(step, "_fields") else named_values(step)
+    named = None if type(step) is tuple else named_values(step)
     if named is None:
         return step
     if "time" not in named:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.rows import ContactRows
 
 
-class _Tangential(PairLaw):
+class _Tangential(KnownArguments, PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
