@@ -101,7 +101,7 @@ REFUSED = [
     *((lambda young=young: body(young=young), "positive") for young in (0.0, -1.0, np.nan)),
     *((lambda poisson=poisson: body(poisson=poisson), "positive") for poisson in (0.5, np.nan)),
     (lambda: body(young=10**400), "must be positive and finite"),
-    (lambda: body(young=np.inf), "body 1: E = inf must be positive and finite"),
+    (lambda: body(young=np.inf), "body 1: young = inf must be positive and finite"),
     (lambda: body(young="210 GPa"), "young of body 1: the formula '210 GPa' cannot be read"),
     (lambda: body(young=hhr.Amplitude(1.0)), r"young = Amplitude\(.* must be a number, or a formula of the parameters"),
     (lambda: body(tag=" "), "the tag ' ' of a body must be an integer or a name"),

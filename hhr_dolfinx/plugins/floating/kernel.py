@@ -74,8 +74,18 @@ def undetermined_motions(answer: Any) -> str:
         way = field[moving].mean(axis=0)
         shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
         how = f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
-        words.append(f"the body of nodes {moving[0]} to {moving[-1]} {how}")
+        words.append(f"{_moving_bodies(answer.fields.full, moving)} {how}")
     return ", ".join(words)
+
+
+def _moving_bodies(full: Any, nodes: np.ndarray) -> str:
+    """Bodies that have some nodes, by their tags; by the numbers of the nodes if no mesh is known, as from a file."""
+    discretisation = getattr(full, "discretisation", None)
+    if discretisation is None:
+        return f"the body whose nodes have the numbers {nodes[0]} to {nodes[-1]} in the mesh"
+    inside = np.isin(full.problem.cell_nodes, nodes).all(axis=1)
+    tags = [full.scene.bodies[k].tag for k in np.unique(discretisation.cell_bodies()[inside])]
+    return f"body {', '.join(map(str, tags))}"
 
 
 @dataclass(eq=False)

@@ -55,5 +55,5 @@ def answer(
     if loaded.equilibrium is not None:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
+    bad = answer_table(loaded, rows, target, console, progress("blocks of rows"), **columns, resume=checksum(model))
     sys.exit(NO_ANSWER if bad else 0)
