@@ -79,8 +79,8 @@ class Body(KnownArguments):
             laws_of_scenes(self.reader).check_body(self)
         if remedy := _remedy_of_constants(self.young, self.poisson):
             raise SceneError(
-                f"body {self.tag}: young = {self.young} must be positive and finite, and poisson = {self.poisson} in (-1, 0.5). "
-                f"{remedy}"
+                f"body {self.tag}: young = {self.young} must be positive and finite, and poisson = {self.poisson} "
+                f"in (-1, 0.5). {remedy}"
             )
 
     @classmethod

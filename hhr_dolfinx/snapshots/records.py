@@ -261,8 +261,9 @@ def compute_snapshots(
         ParameterError: if a point or a path is invalid.
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
     """
-    queries = queries if _are_paths(queries) else full.parameters.points(queries)
-    return _some(_Solver(full, progress, store, settings, lost).solved(queries), lost, len(queries))
+    given: Any = queries
+    given = given if _are_paths(given) else full.parameters.points(given)
+    return _some(_Solver(full, progress, store, settings, lost).solved(given), lost, len(given))
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:

@@ -173,7 +173,9 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
         else:
             try:
                 model, reduction = _searched(context, kept)
+                context.progress("strains in corners of the box", 0.0)  # of histories, as long as training answers
                 limited = context.full.strains.corners(context.full, model)
+                reduction = replace(reduction, seconds=context.clock.seconds)
                 if limited is not model:
                     reduction = replace(reduction, answered=_share_answered(context, limited))
                 found = model, reduction = limited, reduction
