@@ -394,7 +394,7 @@ def test_many_points_as_arrays(small_reduction):
         assert found.largest_displacement[k] == pytest.approx(np.linalg.norm(nodes, axis=1).max(), rel=1e-12)
     none = hhr.answer_points(small_reduction, np.zeros((0, 2)))
     assert none.status == [] and none.forces.shape == (0, found.forces.shape[1])
-    with pytest.raises(ParameterError, match=r"one row per point, a column for each of \('P1', 'h1'\)"):
+    with pytest.raises(ParameterError, match=r"one row per point and one column for each of \('P1', 'h1'\)"):
         hhr.answer_points(small_reduction, points[:, :1])
 
 
