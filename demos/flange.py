@@ -18,6 +18,7 @@ solutions that it has not seen, the balance of forces, and the difference to a f
     python demos/flange.py [--out DIR] [--quick] [--seed N]
 """
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -40,13 +41,19 @@ PRELOADS = 0.03, 0.06, 0.09, 0.12
 
 
 def hhr_command(folder: Path, *words: str) -> str:
-    """Run a command in a folder, as in a shell; its output."""
-    run = subprocess.run(
-        [sys.executable, "-m", "hhr_dolfinx.command.main", *words], cwd=folder, capture_output=True, text=True
-    )
+    """Run a command in a folder, as in a shell; its output. Its progress and warnings are shown as they come."""
+    print(f"hhr {' '.join(words)}", file=sys.stderr, flush=True)
+    command = [sys.executable, "-u", "-m", "hhr_dolfinx.command.main", *words]
+    lines = []
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        for line in run.stdout:
+            lines.append(line)
+            if re.match(r"\d+ s: ", line):
+                print(line, end="", file=sys.stderr, flush=True)
     if run.returncode:
-        raise SystemExit(f"hhr {' '.join(words)}\n{run.stdout}{run.stderr}")
-    return run.stdout
+        raise SystemExit(f"hhr {' '.join(words)} failed\n{''.join(lines)}")
+    return "".join(lines)
 
 
 def meshed(out: Path, sizes: tuple[float, float]) -> None:

@@ -23,7 +23,7 @@ from hhr_dolfinx.geometries.conforming import conforming
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
-from hhr_dolfinx.registry import load, named
+from hhr_dolfinx.registry import load, named, remedy
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -126,6 +126,8 @@ def _reader(path: Path) -> Any:
     ending = path.suffix.lower()
     if (place := named("readers").get(ending)) is not None:
         return load(place)
+    if why := remedy("readers", ending):
+        raise FileContentError(f"no installed plug-in reads files {ending}, such as {path}{why}")
     if ending == ".inp" or begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 

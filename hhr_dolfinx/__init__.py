@@ -65,7 +65,8 @@ def __getattr__(name: str) -> object:
         if name in _names or name.startswith("_") or importlib.util.find_spec(f"{__name__}.{name}"):
             return _of_core(name)
         if name not in (places := _of_plugins()):
-            raise AttributeError(f"module '{__name__}' has no attribute '{name}', and no installed plug-in adds it")
+            why = importlib.import_module(f"{__name__}.registry").remedy("public", name)
+            raise AttributeError(f"module '{__name__}' has no '{name}'{why or ', and no installed plug-in adds it'}")
         module, _, attribute = places[name].partition(":")
         globals()[name] = found = getattr(importlib.import_module(module), attribute)
         return found

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.declared import Floats
+from hhr_dolfinx.declared import Floats, KnownArguments
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace, described, is_number, is_whole
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Amplitude:
+class Amplitude(KnownArguments):
     """Affine function of the parameters: ``constant + sum(slopes[name] * value of name)``."""
 
     constant: float = 0.0

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import RANGES, Limits, check_formula
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
@@ -28,7 +29,7 @@ class LawsOfScenes(Protocol):
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(KnownArguments):
     """A body, elastic or of a law that a plug-in reads.
 
     Attributes:
@@ -78,8 +79,8 @@ class Body:
             laws_of_scenes(self.reader).check_body(self)
         if remedy := _remedy_of_constants(self.young, self.poisson):
             raise SceneError(
-                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5). "
-                f"{remedy}"
+                f"body {self.tag}: young = {self.young} must be positive and finite, and poisson = {self.poisson} "
+                f"in (-1, 0.5). {remedy}"
             )
 
     @classmethod

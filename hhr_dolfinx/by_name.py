@@ -95,8 +95,9 @@ def find(kind: str, name: str) -> Any:
     near = difflib.get_close_matches(name, known, n=1)
     hint = f" Is '{near[0]}' meant?" if near else ""
     raise SceneError(
-        f"none of the {kind} is called '{name}'.{hint} Known are {', '.join(known) or 'none'}; besides, what a file "
-        f"has ('my_file.py:name'), and entry points 'hhr_dolfinx.{kind}' of other packages"
+        f"none of the {kind} is called '{name}'{registry.remedy(kind, name)}.{hint} Known are "
+        f"{', '.join(known) or 'none'}; besides, what a file has ('my_file.py:name'), and entry points "
+        f"'hhr_dolfinx.{kind}' of other packages"
     )
 
 

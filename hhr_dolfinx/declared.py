@@ -11,17 +11,18 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import difflib
 import inspect
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, Self, get_args
 
 import numpy as np
 from scipy.sparse import issparse
 
-from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.files import KINDS
 
 Floats = np.ndarray
@@ -233,3 +234,38 @@ class Sizes:
                 raise FileContentError(f"{path} has indices outside 0 .. {size - 1}")
             elif isinstance(found, int) and found != size:
                 raise FileContentError(f"{path} has the length {found}, it must be {label} = {size}")
+
+
+USUAL_SYMBOLS = {
+    "E": ("young",),
+    "e": ("young",),
+    "nu": ("poisson",),
+    "sigma_y": ("yield_stress",),
+    "sigma0": ("yield_stress",),
+    "sy": ("yield_stress",),
+    "H": ("hardening",),
+    "mu": ("friction", "coefficient"),
+    "k": ("modulus",),
+    "n": ("exponent", "normal"),
+    "p": ("amplitude",),
+    "value": ("amplitude",),
+    "material": ("law",),
+}
+"""Arguments that symbols of textbooks, and names in other programs, may stand for."""
+
+
+class KnownArguments:
+    """Base of classes of scenes whose constructors refuse an unknown argument by a sentence, with the right name."""
+
+    def __new__(cls, *_: Any, **named: Any) -> Self:
+        """Make an object; SceneError for an argument that its constructor has not."""
+        known = list(inspect.signature(cls.__init__).parameters.values())[1:]
+        names = [item.name for item in known]
+        unknown = [name for name in named if name not in names]
+        if unknown and not any(item.kind is inspect.Parameter.VAR_KEYWORD for item in known):
+            name = unknown[0]
+            near = [one for one in USUAL_SYMBOLS.get(name, ()) if one in names]
+            near = near or difflib.get_close_matches(name, names, n=1)
+            meant = f": is '{near[0]}' meant?" if near else "."
+            raise SceneError(f"{cls.__name__} has no argument '{name}'{meant} Its arguments are {', '.join(names)}")
+        return super().__new__(cls)

@@ -23,6 +23,7 @@ from hhr_dolfinx.amplitudes import (
     checked_count,
     edge_integrals,
 )
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_number
@@ -87,7 +88,7 @@ class Load(Protocol):
 
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(KnownArguments):
     """Surface force ``amplitude(mu) * direction`` per area on tagged facets.
 
     The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6 * speed**2"``.
@@ -114,7 +115,7 @@ class Traction:
 
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(KnownArguments):
     """Pressure ``amplitude(mu)`` against the outer normal of tagged facets; the amplitude as that of a traction."""
 
     tag: Tag
@@ -130,7 +131,7 @@ class Pressure:
 
 
 @dataclass(frozen=True)
-class PartialPressure:
+class PartialPressure(KnownArguments):
     """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
 
     It is integrated exactly over the partly covered edge, and evaluated online from few columns. A line of n nodes

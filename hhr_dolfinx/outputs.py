@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded, LoadedShare
@@ -128,7 +129,7 @@ class Output(Protocol):
 
 
 @dataclass(frozen=True)
-class NamedOutput:
+class NamedOutput(KnownArguments):
     """Base class of outputs; ``vectors`` names the fields with coordinates or components."""
 
     vectors: ClassVar[tuple[str, ...]] = ()
@@ -174,6 +175,9 @@ class LargestPressure(OfContact):
 class ContactForce(OfContact):
     """Component of the resultant of a contact on the body of its first surface, the slave.
 
+    The resultant has all forces of the contact: pressures, and friction if the pair has a law. Per unit depth in the
+    plane.
+
     Attributes:
         direction: direction of the component, of any length. In axisymmetry the first component sums radial forces
             around the whole turn.
@@ -192,7 +196,7 @@ class ContactForce(OfContact):
 
 @dataclass(frozen=True)
 class ContactMoment(OfContact):
-    """Component of the moment of a contact on the body of its first surface, the slave.
+    """Component of the moment of a contact on the body of its first surface, the slave, including friction.
 
     Attributes:
         about: reference point of the moment.
@@ -247,6 +251,11 @@ class LostContact(OfContact):
 @dataclass(frozen=True)
 class GapAt(OfContact):
     """Gap of the contact condition nearest to a point; zero in contact.
+
+    The gap is the one of the condition. Of ``Mortar`` it is a mean around a node of the slave, measured along the
+    normal of the slave, or along ``normal`` of the pair. On inclined or round surfaces it is longer than the shortest
+    distance, by 1 / cos of the angle between the surfaces. ``NodeToSurface`` measures to the closest point of the
+    master.
 
     Attributes:
         place: coordinates of the point.

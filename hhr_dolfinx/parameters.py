@@ -10,12 +10,13 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 
 PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
-"""A point of the box as users give it: a number, a sequence, or a mapping by name."""
-PointsLike = Sequence[float] | Sequence[Sequence[float]] | np.ndarray
-"""Several points of the box: one row each, (S, P); with one parameter also (S,)."""
+"""A point of the box as users give it: a number, a sequence, or values by name, see :func:`named_values`."""
+PointsLike = Sequence[float] | Sequence[Sequence[float]] | Mapping[str, Any] | Sequence[Mapping[str, Any]] | np.ndarray
+"""Several points of the box: one row each, (S, P), with one parameter also (S,); or columns or rows with names."""
 
 LINE = 2001
 """Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
@@ -66,6 +67,41 @@ def check_tag(what: str, tag: object) -> None:
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")
 
 
+def named_values(table: Any) -> dict[Any, Any] | None:
+    """Values by name of an object that has names: a value for each name, or a column, (S,).
+
+    Mappings, data sets, frames, series and structured arrays have names, and so have named tuples and tables with
+    ``columns`` or ``column_names``. The order of the names has no meaning. None for numbers and sequences, and for
+    frames and series whose labels are integers: their values are in the order of the parameters.
+
+    Raises:
+        ParameterError: for a labelled array with ``coords``, whose names may be on any axis.
+    """
+    if fields := getattr(table, "_fields", None):
+        return dict(zip(fields, table, strict=True))
+    if names := getattr(getattr(table, "dtype", None), "names", None):
+        return {name: table[name] for name in names}
+    if isinstance(table, np.ndarray):
+        return None
+    if hasattr(table, "coords") and not hasattr(table, "keys") and np.ndim(table):
+        raise ParameterError(
+            "a labelled array does not say on which axis the parameters are: give a data set with a variable for each, "
+            "to_dataset(dim=...), or its values without labels"
+        )
+    labels = getattr(table, "column_names", None)
+    if labels is None:
+        labels = table.keys() if callable(getattr(table, "keys", None)) else getattr(table, "columns", None)
+    if labels is None or (not isinstance(table, Mapping) and all(is_whole(label, 0) for label in labels)):
+        return None
+    return {name: table[name] for name in labels}
+
+
+def has_names(table: Any) -> bool:
+    """True for a table whose columns have names, and for a list or tuple whose first row has them."""
+    first = table[:1] if isinstance(table, list | tuple) else ()
+    return any(named_values(rows) is not None for rows in (table, *first))
+
+
 def described(names: Sequence[str], point: np.ndarray) -> str:
     """Values of some parameters in words, for messages."""
     return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
@@ -84,7 +120,7 @@ def check_count_and_seed(what: str, count: object, seed: object) -> None:
 
 
 @dataclass(frozen=True)
-class ParameterSpace:
+class ParameterSpace(KnownArguments):
     """The box in which a scene is solved.
 
     Attributes:
@@ -172,20 +208,13 @@ class ParameterSpace:
         return np.mean([self.lower, self.upper], axis=0)
 
     def point(self, mu: PointLike) -> np.ndarray:
-        """Convert a number, a sequence or a mapping by name to a checked point, (P,).
+        """Convert a number, a sequence or values by name, see :func:`named_values`, to a checked point, (P,).
 
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
-        if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second test is slow
-            if set(self.names) ^ set(mu):
-                missing = [f"{name!r} is missing" for name in self.names if name not in mu]
-                unknown = [f"{name!r} is unknown" for name in sorted(mu, key=str) if name not in self.names]
-                faults = ", ".join(missing + unknown)
-                raise ParameterError(
-                    f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
-                )
-            mu = [mu[name] for name in self.names]
+        if type(mu) is not np.ndarray or mu.dtype.names is not None:  # arrays of numbers, the usual ones, are quick
+            mu = self._in_order(mu)
         try:
             point = np.array(mu, dtype=float, ndmin=1)
         except (TypeError, ValueError, OverflowError):
@@ -216,23 +245,54 @@ class ParameterSpace:
         """A point in words, for messages."""
         return described(self.names, point)
 
+    def _in_order(self, values: Any) -> Any:
+        """Values or columns with names in the order of the parameters; others as they are."""
+        named = named_values(values)
+        if named is None:
+            return values
+        if set(self.names) ^ set(named):
+            missing = [f"{name!r} is missing" for name in self.names if name not in named]
+            unknown = [f"{name!r} is unknown" for name in sorted(named, key=str) if name not in self.names]
+            faults = ", ".join(missing + unknown)
+            raise ParameterError(
+                f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
+            )
+        return [named[name] for name in self.names]
+
+    def table(self, rows: PointsLike, least: int = 0) -> np.ndarray:
+        """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside the box or not.
+
+        Raises:
+            ParameterError: for another shape, names that do not match, or values that are no numbers.
+        """
+        try:
+            if (columns := self._in_order(rows)) is not rows:
+                points = np.column_stack([np.array(column, dtype=float, ndmin=1) for column in columns])
+            else:
+                several = isinstance(rows, Sequence) and not isinstance(rows, str)
+                points = np.array([*map(self._in_order, rows)] if several else rows, dtype=float)
+        except ParameterError:  # a ValueError too
+            raise
+        except (TypeError, ValueError):
+            raise ParameterError(
+                f"a table of points needs numbers in columns {self.names}, one row per point, got {rows!r}"
+            ) from None
+        count = len(self.names)
+        if points.ndim == 1 and count == 1:
+            points = points[:, None]
+        if points.ndim != 2 or points.shape[1] != count or len(points) < least:
+            raise ParameterError(
+                f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
+            )
+        return points
+
     def points(self, table: PointsLike) -> np.ndarray:
-        """Convert a table with one row per point to checked points, (S, P); with one parameter also (S,).
+        """Convert a table, see :meth:`table`, to checked points, (S, P); with one parameter also (S,).
 
         Raises:
             ParameterError: for another shape, values that are no numbers, or a value outside the box.
         """
-        try:
-            points = np.array(table, dtype=float)
-        except (TypeError, ValueError):
-            raise ParameterError(f"a table of points needs numbers in columns {self.names}, got {table!r}") from None
-        count = len(self.names)
-        if points.ndim == 1 and count == 1:
-            points = points[:, None]
-        if points.ndim != 2 or points.shape[1] != count or not points.size:
-            raise ParameterError(
-                f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
-            )
+        points = self.table(table, least=1)
         low, high = np.transpose(self._box)
         inside = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
         if not inside.all():

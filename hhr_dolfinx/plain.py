@@ -26,6 +26,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
 from hhr_dolfinx.files import KINDS
+from hhr_dolfinx.registry import remedy
 
 DEEPEST = 16
 """Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
@@ -259,6 +260,8 @@ class _Reader:
         if not (isinstance(name, str) and name.isidentifier()):
             raise FileContentError(f"the kind {_shown(name)} is no name of a class")
         if name not in self.kinds:
+            if why := remedy("classes", name):
+                raise ModelFileError(f"the file holds a {name}{why}")
             raise ModelFileError(
                 f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in that has it, or pass "
                 f"the class, load_model(path, known=[{name[:_SHOWN]}]), or to a command, --known "

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,11 @@ from hhr_dolfinx.warn import warn
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
+OURS = Path(__file__).with_name("plug_ins.json")
+"""Names that the plug-ins of this package add, for messages where one of them is deleted."""
+SHARED = ("public", "classes", "commands", "kinds", "methods", "trainings", "pair_laws", "recipes", "answers", "tools",
+          "readers")  # fmt: skip
+"""Mappings of manifests in which a name has one meaning for all plug-ins."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -109,25 +115,90 @@ class Plugin:
 
 @functools.cache
 def installed() -> Mapping[str, Plugin]:
-    """Plug-ins by name. A PluginWarning names each one that is left out, and the reason, such as a missing one."""
-    found: dict[str, Plugin] = {}
-    for point in importlib.metadata.entry_points(group=GROUP):
+    """Plug-ins by name, those of this package first. A PluginWarning names each one that is left out, and the reason.
+
+    Left out are plug-ins that cannot be loaded, lack a plug-in that they need, or register what another one has.
+    """
+    plugins: dict[str, Plugin] = {}
+    owners: dict[tuple[str, str], tuple[str, str]] = {}
+    for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda one: not _is_ours(one.value)):
         try:
             plugin = point.load()
             if not isinstance(plugin, Plugin):
                 raise TypeError(f"{point.value} is a {type(plugin).__name__} and no hhr_dolfinx.registry.Plugin")
+            registered = _registered(plugin)
         except (Exception, SystemExit) as error:  # third-party code may raise anything
             _leave_out(point.name, f"{point.value} cannot be loaded: {type(error).__name__}: {error}")
             continue
-        if plugin.name in found and found[plugin.name] is not plugin:
-            _leave_out(plugin.name, f"{point.value} has the name of another plug-in")
+        if plugin.name in plugins:
+            if plugins[plugin.name] is not plugin:
+                _leave_out(plugin.name, f"{point.value} has the name of another plug-in: give it a name of its own")
             continue
-        found[plugin.name] = plugin
-    while lacking := [name for name, plugin in found.items() if not found.keys() >= set(plugin.needs)]:
+        if taken := [key for key, place in registered.items() if owners.get(key, (place, ""))[0] != place]:
+            what, name = taken[0]
+            place, owner = owners[taken[0]]
+            _leave_out(plugin.name, f"it registers {name!r} among {what}, which is {place} of the plug-in '{owner}'")
+            continue
+        plugins[plugin.name] = plugin
+        owners |= {key: (place, plugin.name) for key, place in registered.items()}
+    while lacking := [name for name, plugin in plugins.items() if not plugins.keys() >= set(plugin.needs)]:
         for name in lacking:
-            missing = set(found.pop(name).needs) - found.keys()
+            missing = set(plugins.pop(name).needs) - plugins.keys()
             _leave_out(name, f"it needs {', '.join(sorted(missing))}")
-    return MappingProxyType(dict(sorted(found.items())))
+    return MappingProxyType(dict(sorted(plugins.items())))
+
+
+def _is_ours(place: str) -> bool:
+    return place.startswith(f"{GROUP}.")
+
+
+def _registered(plugin: Plugin) -> dict[tuple[str, str], str]:
+    """Places of all that a plug-in registers by a name, which no other plug-in may have, by kind and name."""
+    named = {what: getattr(plugin, what) for what in SHARED} | dict(plugin.parts)
+    return {(what, name): place for what, mapping in named.items() for name, place in places_in(mapping)}
+
+
+def owned(plugin: Plugin) -> Iterator[tuple[str, str]]:
+    """Kinds and names of all that a plug-in adds, as :func:`remedy` finds them."""
+    yield from _registered(plugin)
+    yield from (("materials", method) for method in plugin.materials)
+
+
+@functools.cache
+def _ours() -> dict[str, dict[str, str]]:
+    """Names of the plug-ins of this package by kind and name; scripts/stubs.py writes the file."""
+    known: dict[str, dict[str, str]] = json.loads(OURS.read_text(encoding="utf-8"))
+    return known
+
+
+def remedy(what: str, name: str) -> str:
+    """End of a message, ": ...": the plug-in of this package that has a name of a kind, and is not installed; or ""."""
+    plugin = _ours().get(what, {}).get(name)
+    if plugin is None or plugin in installed():
+        return ""
+    return f": it belongs to the plug-in '{plugin}', which is not installed"
+
+
+def wants(item: Way | Bounds | Stage, *given: Any) -> bool:
+    """True if a reductor, bound or stage wants a full model; one whose ``wanted`` fails is left out with a warning."""
+    try:
+        return bool(item.wanted(*given))
+    except Exception as error:  # third-party code may raise anything
+        warn(f"{item.place} is left out: its 'wanted' raised {type(error).__name__}: {error}", PluginWarning)
+        return False
+
+
+def loadable(what: str) -> dict[str, Any]:
+    """Objects by name in one mapping of all manifests; a PluginWarning names each one that cannot be loaded."""
+    objects = {}
+    for name, place in named(what).items():
+        try:
+            objects[name] = load(place)
+        except (Exception, SystemExit) as error:  # third-party code may raise anything
+            if _is_ours(place):
+                raise
+            warn(f"{name!r} of {place} is left out: {type(error).__name__}: {error}", PluginWarning)
+    return objects
 
 
 def _leave_out(name: str, why: str) -> None:
@@ -192,7 +263,8 @@ def reader_of(law: object, what: str) -> str:
         if not isinstance(law, type) and callable(getattr(law, method, None)):
             return name
     if not methods:
-        raise SceneError(f"{what}: no installed plug-in reads the law {law!r}")
+        theirs = [said for name in _ours().get("materials", {}) if (said := remedy("materials", name))]
+        raise SceneError(f"{what}: no installed plug-in reads the law {law!r}{theirs[0] if theirs else ''}")
     raise SceneError(f"{what}: the law {law!r} must be an object with a method {' or '.join(methods)}")
 
 
@@ -221,7 +293,9 @@ def tool(word: str, what: str) -> Any:
         NotOfferedError: if no installed plug-in has it.
     """
     if (found := offered(word)) is None:
-        raise NotOfferedError(f"{what} needs a plug-in with the tool '{word}', and none is installed")
+        raise NotOfferedError(
+            f"{what} needs a plug-in with the tool '{word}', and none is installed{remedy('tools', word)}"
+        )
     return found
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
 from hhr_dolfinx.body import Body, laws_of_scenes
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.declared import KnownArguments
+from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
@@ -32,6 +33,7 @@ from hhr_dolfinx.parameters import (
     is_whole,
 )
 from hhr_dolfinx.units import Units
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import PairLaw
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Displacement:
+class Displacement(KnownArguments):
     """Imposed displacement of one component on facets or nodes: ``u[component] = amplitude(mu) field(x)``.
 
     Attributes:
@@ -96,7 +98,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class Opening:
+class Opening(KnownArguments):
     """An initial gap that depends on parameters: ``amplitude(mu)`` is added to all gaps of a contact pair.
 
     Attributes:
@@ -113,7 +115,7 @@ class Opening:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(KnownArguments):
     """Definition of a parametric contact problem.
 
     Attributes:
@@ -212,9 +214,20 @@ class Scene:
             )
         self._check_places()
         self._check_names()
+        self._check_laws_and_units()
+
+    def _check_laws_and_units(self) -> None:
         for place, law in enumerate(self.laws):
             if law is not None:
                 law.check(self, f"contact {place} of scene '{self.name}'")
+        for output in self.outputs:
+            own = None if self.units is None else self.units.conflict(getattr(output, "unit", ""))
+            if own is not None:
+                warn(
+                    f"output '{output.name}' has the unit '{output.unit}', and numbers of scene '{self.name}' are in "
+                    f"{own}: a unit is a label and converts nothing, so correct it",
+                    SceneWarning,
+                )
 
     def _check_parameter_units(self) -> None:
         given = self.parameter_units

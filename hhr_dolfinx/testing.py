@@ -71,7 +71,8 @@ def __getattr__(name: str) -> Any:
     """Check that a plug-in adds, one of its ``checks``."""
     places = registry.parts("checks")
     if name not in places:
-        raise AttributeError(f"module '{__name__}' has no attribute {name!r}, and no installed plug-in adds it")
+        why = registry.remedy("checks", name) or ", and no installed plug-in adds it"
+        raise AttributeError(f"module '{__name__}' has no attribute {name!r}{why}")
     return registry.load(places[name][0])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from hhr_dolfinx.errors import SceneError
@@ -10,6 +11,10 @@ LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 """Units of length in metres."""
 STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": 6894.757293168361, "ksi": 6894757.293168361}
 """Units of stress in pascals."""
+FORCES = {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605}
+"""Units of force in newtons."""
+_WORK = {"J": 1.0, "kJ": 1e3, "mJ": 1e-3}
+_EXPONENTS = str.maketrans("²³", "23")
 
 
 @dataclass(frozen=True)
@@ -55,3 +60,26 @@ class Units:
     def metres(self, length: float) -> float:
         """A length of the scene in metres."""
         return length * LENGTHS[self.length]
+
+    def conflict(self, unit: str) -> str | None:
+        """Unit, as text, in which a number of the scene is, if ``unit`` is another one; None if it fits or is unknown.
+
+        Products and quotients of lengths, stresses, forces and works are compared, such as ``N/mm`` and ``kN m``.
+        """
+        size = 1.0
+        stress = length = 0
+        for sign, symbol, exponent in re.findall(r"([/*·\s]*)([A-Za-z]+)\^?([\d²³]?)", unit):
+            power = (-1 if "/" in sign else 1) * int((exponent or "1").translate(_EXPONENTS))
+            for known, of_stress, of_length in ((LENGTHS, 0, 1), (STRESSES, 1, 0), (FORCES, 1, 2), (_WORK, 1, 3)):
+                if symbol in known:
+                    size *= known[symbol] ** power
+                    stress += of_stress * power
+                    length += of_length * power
+                    break
+            else:
+                return None
+        own = STRESSES[self.stress] ** stress * LENGTHS[self.length] ** length
+        if abs(size - own) <= 1e-6 * own:
+            return None
+        powers = ((self.stress, stress), (self.length, length))
+        return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)

@@ -34,15 +34,19 @@ def largest_values(
     if scene is not None and scene.units is not None:
         length = scene.units.length
         force = scene.units.force_in(scene.hypothesis)
+    elif scene is not None and scene.hypothesis.startswith("plane"):
+        force = "per unit depth"
     displacement = answer.displacement().reshape(-1, dimension)
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
+    normal = "normal " if forces.size < answer.forces().size else ""  # there are others, such as friction
     if problem is None or scene is None:
-        rows[_with_unit("sum of the forces of all contacts", force)] = float(forces.sum())
+        rows[_with_unit(f"sum of the {normal}forces of all contacts", force)] = float(forces.sum())
     else:
         numbers = [number for number in range(len(scene.contacts)) if problem.pressing_of(number).size]
         for number in numbers:
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}"
-            name = f"sum of the forces of contact{which}" if len(numbers) > 1 else "sum of contact forces"
+            several = len(numbers) > 1
+            name = f"sum of the {normal}forces of contact{which}" if several else f"sum of {normal}contact forces"
             rows[_with_unit(name, force)] = float(forces @ problem.shares_of(number)[problem.pressing])
     return rows | {"active contacts": int((forces > 0).sum())} | answer.memory.counted()
 

@@ -13,6 +13,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import guarded
 from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import HHRError, NotOfferedError
 
 with extra("study", "the command hhr"):
     import click
@@ -36,7 +37,38 @@ class Commands(click.Group):
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         place = OWN.get(cmd_name) or registry.named("commands").get(cmd_name)
-        return None if place is None else registry.load(place)
+        if place is None:
+            return None
+        try:
+            command = registry.load(place)
+            if not isinstance(command, click.Command):
+                raise TypeError(f"it is a {type(command).__name__} and no command of click")
+        except (Exception, SystemExit) as error:  # third-party code may raise anything, and others must go on
+            return _broken(cmd_name, place, error)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the words; an error names the plug-in of one that is not installed."""
+        if why := registry.remedy("commands", args[0]):
+            ctx.fail(f"there is no command '{args[0]}'{why}")
+        return super().resolve_command(ctx, args)
+
+
+def _broken(name: str, place: str, error: BaseException) -> click.Command:
+    """Command in the place of one that cannot be loaded, which says why when it is called."""
+
+    @guarded
+    def refuse(words: tuple[str, ...]) -> None:
+        if isinstance(error, HHRError):
+            raise error
+        raise NotOfferedError(f"hhr {name} cannot be loaded from {place}: {type(error).__name__}: {error}") from error
+
+    words = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
+    settings = {"ignore_unknown_options": True}
+    short = "(cannot be loaded: call it for the reason)"
+    return click.Command(name, callback=refuse, params=[words], short_help=short, context_settings=settings)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})

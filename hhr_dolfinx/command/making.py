@@ -22,7 +22,7 @@ KINDS = {"hhr": "build", "condensed": "condense", **{name: name for name in regi
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
-    *(option for name in registry.named("trainings").values() for option in registry.load(name).options),
+    *(option for way in registry.loadable("trainings").values() for option in way.options),
 )
 
 
@@ -130,7 +130,8 @@ def settings_of(scene: str) -> Any:
     if (found := beside(scene, "SETTINGS")) is None:
         return None
     if (kind := registry.offered("settings")) is None:
-        raise NotOfferedError(f"SETTINGS beside {scene} needs the plug-in 'studies', which is not installed")
+        why = registry.remedy("tools", "settings")
+        raise NotOfferedError(f"no installed plug-in reads the SETTINGS beside {scene}{why}")
     return value_of(found, scene, "SETTINGS", kind)
 
 
@@ -138,7 +139,7 @@ def training_of(how: dict[str, Any], settings: Any) -> Any:
     """Training by the options, or by the scene's file, or by 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 
-    chosen = {name: registry.load(place) for name, place in registry.named("trainings").items()}
+    chosen = registry.loadable("trainings")
     others = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
     given = [name for name in ("grid", "sobol") if how[name] is not None] + others
     if len(given) > 1:

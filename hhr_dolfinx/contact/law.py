@@ -219,5 +219,6 @@ def pair_law(pair: object, what: str) -> PairLaw | None:
     if not isinstance(value, PairLaw) and name in readers:
         value = registry.load(readers[name])(value, what)
     if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
-        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it: install the one that does")
+        why = registry.remedy("pair_laws", name) or ": install the one that does"
+        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it{why}")
     return value

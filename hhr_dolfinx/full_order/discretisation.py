@@ -264,9 +264,10 @@ class Discretisation(DiscreteSpace):
             free = unresisted(free, problem, middle_stiffness(problem, self.scene.system))
         if free:
             if "kernel" not in registry.named("tools"):
+                why = registry.remedy("tools", "kernel")
                 raise NotSolvableError(
                     f"{free[0].name} can move freely: it {described(free[0], free[0].left)}, and no installed plug-in "
-                    "solves for motions. Impose displacements that hold every body without its contacts"
+                    f"solves for motions{why}. Impose displacements that hold every body without its contacts"
                 )
             problem = replace(problem, kernel=kernels().of(self.scene, problem, free))
         return self._warned(problem)

@@ -260,7 +260,8 @@ class FullOrderModel(FullModel):
         user_code = self.scene.system is not None
         with self.group.together(f"solving scene '{self.scene.name}'") if user_code else nullcontext():
             answer = self.system.answer(point, start, self.pairs, self, gradient)
-        self.strains.look(answer)
+        if answer.converged:  # strains of an iterate of a search without an end mean nothing
+            self.strains.look(answer)
         return answer
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:

@@ -249,10 +249,17 @@ class Answer(NamedTuple):
             full: the full model, whose mesh has the areas; not needed in the process that built the model.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file, without ``full``.
+            NotOfferedError: by a copy, or a model from a file, without ``full``; or if no condition has an area.
         """
         areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(self.parameter)
-        return np.divide(self.forces(), areas, out=np.full(len(areas), np.nan), where=areas > 0)
+        forces = self.forces()
+        if forces.shape != areas.shape or not (areas > 0).any():
+            raise NotOfferedError(
+                "the forces of this answer are no forces of contact conditions with areas: it is of another scene, or "
+                "of bodies that slide past their mesh. Pressures of the slave nodes are answer.slip.pressure / "
+                "model.law.area there"
+            )
+        return np.divide(forces, areas, out=np.full(len(areas), np.nan), where=areas > 0)
 
     def plot(self, path: Any = None, full: Meshed | None = None) -> Any:
         """Picture of the contact pressure and of the deformed bodies, as a figure of matplotlib.

@@ -233,7 +233,7 @@ def known_error(fields: Any) -> str:
     if kind == FORCES:
         return "indicator of the forces: the part of those on the RID that no training explains; without a proof"
     if fields.exact:
-        return f"none is made: {fields.unbounded}"
+        return f"exact: {fields.unbounded}"
     return f"none: {fields.unbounded or 'answers of this kind estimate no errors'}"
 
 

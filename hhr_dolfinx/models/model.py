@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
@@ -75,6 +74,10 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
             f"start = {given} is unknown: 'nearest', None for a cold start, or statuses ({conditions},) bool"
         )
     return statuses
+
+
+NOTHING: Mapping[str, float] = MappingProxyType({})
+"""Parameters of a query that has none, which is refused."""
 
 
 class AnsweringModel(Shown):
@@ -162,7 +165,7 @@ class AnsweringModel(Shown):
 
     def solve(
         self,
-        mu: PointLike,
+        mu: PointLike = NOTHING,
         *,
         start: Start = NEAREST,
         raise_on_failure: bool = True,
@@ -175,6 +178,9 @@ class AnsweringModel(Shown):
         Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
         arguments of this step, see :meth:`Equilibrium.one_step`. With friction ``converged=True`` refines the path.
         """
+        if not step.keys().isdisjoint(self.parameters.names) or mu is NOTHING:
+            given = ", ".join(f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names)
+            raise ParameterError(f"parameters are one argument, a mapping by their names: solve({{{given}}})")
         how = {"start": start, "outside": outside, "gradient": gradient, **step}
         self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
         point = self.parameters.point(mu)
@@ -292,7 +298,7 @@ class AnsweringModel(Shown):
             return self.equilibrium.march(checked, settings)
         return self.follow(checked, settings) if self.law.remembers else solve_along(self, checked, settings)
 
-    def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
+    def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
 
         Raises:
@@ -373,17 +379,3 @@ class KeptModel(AnsweringModel):
         if self.fields.functionals is not None:
             places = 0 if self.fields.flow is None else self.fields.flow.places
             self.fields.functionals.check(self.parameters, self.conditions, places)
-
-
-def _former(name: str) -> property:
-    """Law of the contacts by the former name of the attribute, for one version."""
-
-    def law(model: AnsweringModel) -> ContactLaw | None:
-        warn(f"model.{name} is now model.law", DeprecationWarning)
-        return model.law if model.law.plugin else None
-
-    return property(law)
-
-
-for _name in registry.named("pair_laws"):  # no __getattr__: with one, every attribute of a query takes longer
-    setattr(AnsweringModel, _name, _former(_name))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.pairings.surface import (
     Surface,
@@ -25,7 +26,7 @@ from hhr_dolfinx.parameters import Tag
 
 
 @dataclass(frozen=True)
-class NodeToNode:
+class NodeToNode(KnownArguments):
     """Contact of nodes that face each other along n, thesis (1.25): ``(u_1 - u_2)·n <= d``.
 
     Attributes:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import (
     Surface,
@@ -24,7 +25,7 @@ from hhr_dolfinx.parameters import Tag, is_number
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class Obstacle(KnownArguments):
     """Contact with a rigid plane ``normal·x = offset``, thesis (1.26): ``u·n <= offset / |normal| - x·n``.
 
     Attributes:

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.declared import Booleans, Floats, Integers
+from hhr_dolfinx.declared import Booleans, Floats, Integers, KnownArguments
 from hhr_dolfinx.errors import PairingWarning, SceneError, rounded
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.warn import warn as report
@@ -127,7 +127,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class SlaveAndMaster:
+class SlaveAndMaster(KnownArguments):
     """Base of pairings of a slave surface with a master surface, by their facet tags."""
 
     slave: Tag

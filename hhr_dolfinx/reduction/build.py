@@ -321,7 +321,7 @@ def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
         ReductionError: for a stage that comes after one that is not there.
     """
     every = (*(stage for plugin in registry.installed().values() for stage in plugin.stages), *STAGES)
-    wanted = [stage for stage in every if stage.wanted(full, recipe)]
+    wanted = [stage for stage in every if registry.wants(stage, full, recipe)]
 
     def from_here(place: str) -> Iterator[str]:
         for stage in wanted:

@@ -140,7 +140,7 @@ def bound_of(
     try:
         with log.stage("bound", announce):
             for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
-                if given.wanted(full):
+                if registry.wants(given, full):
                     prove = registry.load(given.place)
                     made: Bounding = prove(full, basis, snapshots.forces, cone=recipe.cone, announce=announce)
                     return made

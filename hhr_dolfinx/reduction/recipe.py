@@ -305,7 +305,8 @@ class _Named(type):
     def __getattr__(cls, name: str) -> Any:
         places = {} if name.startswith("_") else registry.named("recipes")
         if name not in places:
-            raise AttributeError(f"there is no recipe {name!r}, and no installed plug-in adds it")
+            why = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
+            raise AttributeError(f"there is no recipe {name!r}{why}")
         return registry.load(places[name])
 
 

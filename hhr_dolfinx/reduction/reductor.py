@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -21,6 +22,7 @@ from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
 from hhr_dolfinx.errors import (
+    ConvergenceError,
     HHRError,
     NotOfferedError,
     NotSolvableError,
@@ -35,7 +37,7 @@ from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.reduction.claims import check_claim
 from hhr_dolfinx.reduction.interface import bodies_of
 from hhr_dolfinx.registry import Way
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
@@ -48,6 +50,8 @@ MOST_TRAINING_COMPARED = 50
 """Approximate number of training solutions that are compared if none were held out."""
 SURE = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
+MOST_FRESH = 16
+"""Points at which a full answer is solved for at most: a box may have points without an equilibrium."""
 POINTS = (32, 64, 128, 256, 512)
 PATHS = (8, 16, 32)
 """Training points and paths of the models that a search tries; each training has twice as many as the one before."""
@@ -337,9 +341,21 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     if known is None and (not model.fields.exact or full.law.remembers or full.equilibrium is not None):
         known = task.snapshots
     elif known is None and task.sure:
-        known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
+        known = _fresh(full, task.sure)
     if known is not None:
         check_claim(_name_of(reductor), full, model, known)
+
+
+def _fresh(full: FullModel, count: int) -> SnapshotSet:
+    """Full answers at random points; at more of them if none of the first has an answer, as beyond a limit load.
+
+    Raises:
+        ConvergenceError: if none has one.
+    """
+    points = full.parameters.random(max(count, MOST_FRESH), seed=count)
+    with suppress(ConvergenceError):
+        return compute_snapshots(full, points[:count], lost=Lost())
+    return compute_snapshots(full, points[count:], lost=Lost())
 
 
 @dataclass(frozen=True)
@@ -378,7 +394,7 @@ OWN = (
 def ways(full: FullModel) -> list[Way]:
     """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
     every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
-    return sorted((way for way in every if way.wanted(full)), key=lambda way: not way.condenses)
+    return sorted((way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses)
 
 
 def condensing(full: FullModel) -> type[Reductor]:

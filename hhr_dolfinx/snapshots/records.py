@@ -23,6 +23,7 @@ from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.parameters import PointsLike, has_names
 from hhr_dolfinx.warn import first_alone, warn
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.parameters import ParameterSpace, PointsLike
+    from hhr_dolfinx.parameters import ParameterSpace
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
@@ -258,8 +259,8 @@ def compute_snapshots(
 
     Args:
         full: full model.
-        queries: parameters, (S, P), each solved from the statuses of the one before; or paths of times and parameters,
-            each with the state at rest first.
+        queries: parameters, (S, P) or with names, each solved from the statuses of the one before; or paths of times
+            and parameters, each with the state at rest first.
         progress: wrapper of the iteration, for a progress bar.
         store: storage of answers: those found there are not computed again, new ones are saved at once, step by step.
         settings: settings of the solution of histories.
@@ -269,7 +270,9 @@ def compute_snapshots(
         ParameterError: if a point or a path is invalid.
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
     """
-    return _some(_Solver(full, progress, store, settings, lost).solved(queries), lost, len(queries))
+    given: Any = queries
+    given = given if _are_paths(given) else full.parameters.points(given)
+    return _some(_Solver(full, progress, store, settings, lost).solved(given), lost, len(given))
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
@@ -282,6 +285,8 @@ def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotS
 
 def _are_paths(queries: object) -> bool:
     """True for paths, lists of times and parameters, which do not form a table."""
+    if has_names(queries):
+        return False
     try:
         return np.ndim(np.array(queries, dtype=float)) > 2
     except (TypeError, ValueError):

@@ -1,6 +1,7 @@
 """Bad input gets a clear error at the door, with what to do."""
 
 import dataclasses
+import re
 import typing
 
 import hertz_half_discs as demo
@@ -12,7 +13,7 @@ from scenes import pressed_block, pressed_pair, slope
 from toy_pairing import RoundPunch
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ParameterError, ReductionError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
 from hhr_dolfinx.reduction.projection import reduced_domain
@@ -100,7 +101,7 @@ REFUSED = [
     *((lambda young=young: body(young=young), "positive") for young in (0.0, -1.0, np.nan)),
     *((lambda poisson=poisson: body(poisson=poisson), "positive") for poisson in (0.5, np.nan)),
     (lambda: body(young=10**400), "must be positive and finite"),
-    (lambda: body(young=np.inf), "body 1: E = inf must be positive and finite"),
+    (lambda: body(young=np.inf), "body 1: young = inf must be positive and finite"),
     (lambda: body(young="210 GPa"), "young of body 1: the formula '210 GPa' cannot be read"),
     (lambda: body(young=hhr.Amplitude(1.0)), r"young = Amplitude\(.* must be a number, or a formula of the parameters"),
     (lambda: body(tag=" "), "the tag ' ' of a body must be an integer or a name"),
@@ -296,3 +297,36 @@ def test_meshes_without_sense():
         geometry.half_discs(None, arc_segments=7)
     with pytest.raises(ValueError, match="radius"):
         geometry.half_discs(None, radius=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (lambda: hhr.Body("a", E=1.0, poisson=0.3), "Body has no argument 'E': is 'young' meant?"),
+        (lambda: hhr.Body("a", young=1.0, nu=0.3), "Body has no argument 'nu': is 'poisson' meant?"),
+        (lambda: hhr.Obstacle(1, (0, -1), ofset=1.0), "Obstacle has no argument 'ofset': is 'offset' meant?"),
+        (lambda: hhr.Pressure(1, p=2.0), "Pressure has no argument 'p': is 'amplitude' meant?"),
+        (lambda: hhr.ContactForce("f", 0, (0, 1), contacts=1), "ContactForce has no argument 'contacts': is 'contact'"),
+        (lambda: hhr.ParameterSpace(("a",), (0,), (1,), unit="m"), "no argument 'unit'. Its arguments are names, low"),
+        (lambda: changed(load=()), "Scene has no argument 'load': is 'loads' meant?"),
+        pytest.param(
+            lambda: hhr.Plasticity(sigma_y=300.0), "Plasticity has no argument 'sigma_y': is 'yield_stress' meant?",
+            marks=needs("inelastic"),
+        ),
+        pytest.param(lambda: hhr.Coulomb(mu=0.3), "Coulomb .* is 'coefficient' meant?", marks=needs("friction")),
+    ],
+)  # fmt: skip
+def test_an_unknown_argument_is_refused_with_the_right_name(make, why):
+    with pytest.raises(SceneError, match=re.escape(why).replace(r"\.\*", ".*")):
+        make()
+
+
+def test_parameters_as_arguments_are_refused_with_the_mapping():
+    full = hhr.FullOrderModel(pressed_block("plane_strain", cells=2))
+    for query in (full.solve, full.outputs):
+        with pytest.raises(ParameterError, match=r"solve\(\{'push': 0\.05\}\)"):
+            query(push=0.05)
+        with pytest.raises(ParameterError, match=r"solve\(\{'push': \.\.\.\}\)"):
+            query()
+    with pytest.raises(NotOfferedError, match="solve knows no speed here"):
+        full.solve(0.05, speed=1.0)

@@ -127,13 +127,13 @@ def test_the_command_knows_installed_scenes(installed, tmp_path):
     assert "contact 0 of 20: 7 conditions" in hhr_command(installed, tmp_path, "check", "slab_on_ramp")
     assert (tmp_path / "slab_on_ramp_check.png").stat().st_size > 1000
     solved = hhr_command(installed, tmp_path, "solve", "slab_on_ramp", "--at", "push=0.05")
-    assert "\nsum of contact forces: 0.36\n" in solved
+    assert "\nsum of contact forces [per unit depth]: 0.36\n" in solved
     forces = []
     for duration in ("1", "50") if present("inelastic") else ():
         flowing = hhr_command(installed, tmp_path, "solve", "flowing_slab", "--at", "push=0.05", "--duration", duration)
         lines = dict(line.split(": ") for line in flowing.splitlines())
         assert lines["seconds of one step from rest"] == duration
-        forces.append(float(lines["sum of contact forces"]))
+        forces.append(float(lines["sum of contact forces [per unit depth]"]))
     assert not forces or 0 < forces[1] < forces[0]
 
 

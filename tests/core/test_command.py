@@ -284,7 +284,7 @@ FILES = {
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
-    "file": "", "broken.npz": "abc", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "file": "", "broken.npz": "abc", "half.csv": "travel;low\n0,5;0,1\n",
     "book.xlsx": "PK", "one.csv": "load\n1\n",
     "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
 }  # fmt: skip
@@ -332,7 +332,7 @@ MISTAKES = [
     (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
     (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
     (3, "latin.csv cannot be read as a table of UTF-8", ["answer", "MODEL", "latin.csv"]),
-    (3, "half.csv is separated by semicolons or tabs", ["answer", "MODEL", "half.csv"]),
+    (3, "half.csv has no column ['lowered'] or has it twice", ["answer", "MODEL", "half.csv"]),
     (3, "one.csv has no column", ["answer", "MODEL", "one.csv"]),
     (3, "book.xlsx is a workbook of a spreadsheet: save its table as CSV", ["answer", "MODEL", "book.xlsx"]),
     (3, "good.csv is a table and no model: the model comes first", ["answer", "good.csv", "MODEL"]),

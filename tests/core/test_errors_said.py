@@ -201,9 +201,9 @@ def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     proved = "bound, proved: the displacement in energy; nodal contact forces, Euclidean and in energy; pressures"
     assert reduced.known_error == f"{proved}; outputs peak, area"
     assert condensed.known_error == proved
-    assert pellet.full_order.known_error == "none is made: the full model has no reduction error"
+    assert pellet.full_order.known_error == "exact: the full model has no reduction error"
     exact = hhr.exact_condensation(pellet.full_order, pellet.snapshots.known_statuses())
-    assert exact.known_error == "none is made: exact condensation has no reduction error"
+    assert exact.known_error == "exact: exact condensation has no reduction error"
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
         without = hhr.build(pellet.full_order, pellet.snapshots, dataclasses.replace(POOR, bound=False))
     assert without.known_error == "none: the recipe asks for none" and without.known_error in caplog.text

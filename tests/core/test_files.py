@@ -7,6 +7,7 @@ import hashlib
 import os
 import pickle
 import random
+import re
 import resource
 import shutil
 import signal
@@ -311,12 +312,46 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(small_reduc
 
 @needs("tables")
 @pytest.mark.parametrize(
-    "content", [b"", b"P1;h1\n1;2\n", b"P1,h1,P1\n1,2,3\n", "P1,h1\n1,2\n".encode("utf-16"), b"P1,h1\n\x00\xff\n"]
+    "content",
+    [
+        b"",
+        b"P1;h2\n1;2\n",
+        b"P1 [Pa];P1;h1\n1;1;2\n",
+        b"P1,h1,P1\n1,2,3\n",
+        "P1,h1\n1,2\n".encode("utf-16"),
+        b"P1,h1\n\x00\xff\n",
+    ],
 )
 def test_a_file_that_is_no_table(content, small, tmp_path):
     (tmp_path / "points.csv").write_bytes(content)
     with pytest.raises(ParameterError, match=r"points\.csv"):
         hhr.read_points(tmp_path / "points.csv", small.parameters)
+
+
+@needs("tables")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("P1;h1\n170;3,2\n90,5;4\n", ["decimal commas"]),  # as spreadsheets of most European languages save it
+        ('\ufeff"P1";"h1"\r\n"170";"3,2"\r\n"90,5";"4"\r\n', ["decimal commas"]),
+        ("h1\tP1\n3.2\t170\n4\t90.5\n", []),
+        ("h1 [mm],P1 [W/m],peak [MPa]\n3.2,170,1\n4,90.5,2\n", ["not converted, .*: P1 .W/m., h1 .mm."]),
+        ("h1 [mm];P1\n3,2;170\n4;90,5\n", ["not converted", "decimal commas"]),
+    ],
+)
+def test_tables_of_spreadsheets_are_read_by_name(text, said, small, tmp_path):
+    (tmp_path / "points.csv").write_bytes(text.encode())
+    notes = []
+    rows = hhr.read_points(tmp_path / "points.csv", small.parameters, notes.append)
+    assert [[float(cell) for cell in row.cells] for row in rows] == [[170.0, 3.2], [90.5, 4.0]]
+    assert len(notes) == len(said) and all(re.search(word, note) for word, note in zip(said, notes, strict=True))
+
+
+@needs("tables")
+def test_a_table_with_points_and_commas_is_not_guessed(small, tmp_path):
+    """1.500 may be a number of a thousand there."""
+    (tmp_path / "points.csv").write_text("P1;h1\n170;3,2\n1.500;4\n")
+    assert hhr.read_points(tmp_path / "points.csv", small.parameters)[0].cells == ["170", "3,2"]
 
 
 @needs("studies", "tables")
@@ -361,7 +396,7 @@ def test_many_points_as_arrays(small_reduction):
         assert found.largest_displacement[k] == pytest.approx(np.linalg.norm(nodes, axis=1).max(), rel=1e-12)
     none = hhr.answer_points(small_reduction, np.zeros((0, 2)))
     assert none.status == [] and none.forces.shape == (0, found.forces.shape[1])
-    with pytest.raises(ParameterError, match=r"one row per point, a column for each of \('P1', 'h1'\)"):
+    with pytest.raises(ParameterError, match=r"one row per point and one column for each of \('P1', 'h1'\)"):
         hhr.answer_points(small_reduction, points[:, :1])
 
 
@@ -435,7 +470,7 @@ def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     "points", ([["a", "b"]], [[1.0, 2.0], [1.0]], [[1j, 2.0]], {"P1": 1.0}, None, [1.0, 2.0]), ids=repr
 )
 def test_points_that_are_no_table(points, small_reduction):
-    with pytest.raises(ParameterError, match=r"(a|one) row per point"):
+    with pytest.raises(ParameterError, match=r"one row per point|'h1' is missing"):
         hhr.answer_points(small_reduction, points)
     with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"):
         hhr.answer_points(small_reduction, [[100.0, 3.0]], outside="Refuse")

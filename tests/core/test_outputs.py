@@ -14,7 +14,7 @@ from scenes import output_slopes, pressed_block, space, stacked
 from scipy.spatial.transform import Rotation
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import HHRError, SceneError
+from hhr_dolfinx.errors import HHRError, SceneError, SceneWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
@@ -287,3 +287,32 @@ def test_what_is_no_output_is_refused(make, message):
 def test_a_scene_without_outputs_has_none():
     with pytest.raises(HHRError, match="name them in the scene"):
         hhr.FullOrderModel(pressed_block("plane_strain")).solve(0.05).outputs()
+
+
+@pytest.mark.parametrize(
+    ("units", "unit", "own"),
+    [
+        (("m", "Pa"), "MPa", "Pa"),  # a label only, a million times too small
+        (("mm", "MPa"), "Pa", "MPa"),
+        (("mm", "MPa"), "N/m", "MPa mm"),
+        (("m", "MPa"), "N", "MPa m^2"),
+        (("mm", "MPa"), "J", "MPa mm^3"),
+        (("m", "Pa"), "mm", "m"),
+        (("m", "Pa"), "mm²", "m^2"),
+        (("in", "psi"), "N", "psi in^2"),
+        *(((length, stress), unit, None) for length, stress, unit in (
+            ("mm", "MPa", "N"), ("mm", "MPa", "N/mm"), ("mm", "MPa", "MPa"), ("mm", "MPa", "N/mm^2"),
+            ("mm", "MPa", "mm2"), ("mm", "MPa", "mJ"), ("m", "Pa", "J"), ("m", "Pa", "N m"), ("in", "psi", "lbf"),
+            ("m", "Pa", ""), ("m", "Pa", "%"), ("m", "Pa", "degrees"), ("m", "Pa", "1"), ("m", "kPa", "kN/m"),
+        )),
+    ],
+)  # fmt: skip
+def test_the_unit_of_an_output_is_compared_with_those_of_the_scene(units, unit, own):
+    """Expected by hand: a newton is a pascal times a square metre."""
+    assert hhr.Units(*units).conflict(unit) == own
+
+
+def test_a_scene_warns_of_an_output_in_another_unit():
+    outputs = (hhr.LargestPressure("peak", 0, unit="MPa"),)
+    with pytest.warns(SceneWarning, match="output 'peak' has the unit 'MPa', and numbers of scene 'pressed_solid' are"):
+        dataclasses.replace(pressed_block("solid"), units=hhr.Units("m", "Pa"), outputs=outputs)

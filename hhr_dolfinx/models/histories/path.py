@@ -11,7 +11,7 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, named_values
 
 
 def check_settings(settings: object) -> None:
@@ -27,7 +27,9 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
         ParameterError: if it is empty, a parameter is not finite or outside the box, or times do not increase.
     """
     try:
-        pairs = [(float(time), target) for time, target in path]
+        pairs = [(float(time), target) for time, target in map(_pair, path)]
+    except ParameterError:  # a ValueError too
+        raise
     except (TypeError, ValueError):
         raise ParameterError("a path is a list of pairs: a time in seconds and the parameters there") from None
     checked = [(time, parameters.point(target)) for time, target in pairs]
@@ -41,6 +43,16 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
         before, after = times[late[0] : late[0] + 2]
         raise ParameterError(f"times must increase: {after:g} s comes after {before:g} s")
     return checked
+
+
+def _pair(step: Any) -> Any:
+    """Time and parameters of a step of a path; of one that has the name ``time``, the other names are parameters."""
+    named = None if type(step) is tuple else named_values(step)
+    if named is None:
+        return step
+    if "time" not in named:
+        raise ParameterError(f"a step of a path names {list(named)} and no 'time': give pairs, or name its time")
+    return named.pop("time"), named
 
 
 @contextmanager

@@ -181,7 +181,8 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
         count, deep = depth_inside(found, first, second)
         if deep - opened > max(depth, OVERLAP * sag):
             depth = deep - opened
-            why = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+            inside = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+            why = inside if count else ", by its opening"
     if depth > OVERLAP * max(sag, 1e-12):
         found.note(
             f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "

@@ -81,7 +81,8 @@ def look_at_mesh(found: SceneCheck) -> None:
         size = _size(own.reshape(-1, look.points.shape[1]))
         corners = own[:, : look.corners]
         kind = f"cell{'s' * (len(own) > 1)}{' of second order' * (own.shape != corners.shape)}"
-        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
+        moduli = f"young = {body.young}, poisson = {body.poisson}"
+        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, {moduli}"
         found.say(text)
         worst, where = worst_cell(corners)
         if worst < BAD_CELL:

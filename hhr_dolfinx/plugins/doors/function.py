@@ -8,6 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.parameters import named_values
 
 
 class OutputFunction:
@@ -35,12 +36,13 @@ class OutputFunction:
         self.outputs = tuple(item.name for item in functionals.items)
 
     def __call__(self, points: Any) -> np.ndarray:
-        """Outputs at points, (n, P): (n, K).
+        """Outputs at points, (n, P) or with names, or at one, (P,): (n, K).
 
         Raises:
             HHRError: if a point is outside the box or the training range, or has no answer.
         """
-        points = np.atleast_2d(points)
+        space = self.model.parameters
+        points = space.table(points if np.ndim(points) != 1 or named_values(points) is not None else [points])
         if len(points) == 1:
             self.check(points[0])  # its error names no row of a table
         found = self.model.solve_many(points, outside=self.outside).outputs()

@@ -65,8 +65,8 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         )
     if tree["missing"]:
         warn(
-            f"{', '.join(tree['missing'])} stay out of C: outputs that read displacements where stiffness or shape "
-            "varies, areas where shapes do, or squares of stress and strain are read in Python alone",
+            f"the C header has no output {', '.join(tree['missing'])}: only Python computes outputs that read "
+            "displacements if stiffness or shape varies, areas if shapes vary, and squares of stress and strain",
             ModelFileWarning,
         )
     data = _Data(tree, arrays.arrays)

@@ -7,6 +7,7 @@ without resistance of contact and without loads, such as the rotation of a round
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneError, SceneWarning, rounded
+from hhr_dolfinx.errors import NotSolvableError, ParameterError, ReductionError, SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
@@ -35,6 +36,8 @@ WEAK = 0.1
 """Part of the effect of other motions up to which that of one may come from the facets of a round surface alone."""
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
+SAMPLES = 64
+"""Points of the box at which the sum of the loads is judged, beside its middle."""
 SAME = 1e-9
 """Part of the largest value below which a change counts as round-off."""
 
@@ -68,8 +71,18 @@ def undetermined_motions(answer: Any) -> str:
         way = field[moving].mean(axis=0)
         shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
         how = f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
-        words.append(f"the body of nodes {moving[0]} to {moving[-1]} {how}")
+        words.append(f"{_moving_bodies(answer.fields.full, moving)} {how}")
     return ", ".join(words)
+
+
+def _moving_bodies(full: Any, nodes: np.ndarray) -> str:
+    """Bodies that have some nodes, by their tags; by the numbers of the nodes if no mesh is known, as from a file."""
+    discretisation = getattr(full, "discretisation", None)
+    if discretisation is None:
+        return f"the body whose nodes have the numbers {nodes[0]} to {nodes[-1]} in the mesh"
+    inside = np.isin(full.problem.cell_nodes, nodes).all(axis=1)
+    tags = [full.scene.bodies[k].tag for k in np.unique(discretisation.cell_bodies()[inside])]
+    return f"body {', '.join(map(str, tags))}"
 
 
 @dataclass(eq=False)
@@ -220,8 +233,7 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
     # motions along which loads do work beyond the discretisation error of a round body
-    sizes = np.asarray(abs(problem.loads).T @ np.abs(rigid))
-    driven = (np.abs(problem.loads.T @ rigid) > UNEVEN * sizes).any(axis=0)
+    driven = _driven(problem, rigid, UNEVEN * np.abs(rigid))
     found_round = np.zeros(rigid.shape[1], dtype=bool)
     for body in found:
         fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
@@ -268,13 +280,31 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
     return np.hstack(found)
 
 
+def _driven(problem: ContactProblem, motions: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Mask of motions, (N, l), along which all loads together do work at some point of the box, (l,) bool.
+
+    Loads that balance each other, such as tractions on opposite sides, do work one by one and not together. Work counts
+    if it is more than the work of the magnitudes of the loads along ``limits``, (N, l).
+    """
+    work = np.asarray(problem.loads.T @ motions)
+    least = np.asarray(abs(problem.loads).T @ limits)
+    space = problem.parameters
+    driven = np.zeros(motions.shape[1], dtype=bool)
+    for point in (space.middle, *space.random(SAMPLES, seed=0)):
+        with suppress(ParameterError):  # some scenes have no meaning at some points of the box
+            theta = problem.amplitudes(point)
+            driven |= np.abs(theta.values @ work[theta.terms]) > np.abs(theta.values) @ least[theta.terms]
+    return driven
+
+
 def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.ndarray) -> None:
     """Refuse motions, (N, l), without resistance of contact and with loads; warn of those without loads."""
     if not idle.shape[1]:
         return
-    # each relative to its magnitude: a small load may have a large amplitude
-    loads = np.asarray(abs(problem.loads).sum(axis=0)).ravel()
-    for motion in idle.T:
+    sizes = np.abs(idle).max(axis=0)
+    moving = np.abs(idle).reshape(len(problem.points), -1, idle.shape[1]).max(axis=1) > ALMOST_NONE * sizes
+    driven = _driven(problem, idle, ALMOST_NONE * sizes * np.repeat(moving, problem.block_size, axis=0))
+    for motion, loaded in zip(idle.T, driven, strict=True):
         texts = []
         for body in found:
             own = motion.reshape(len(problem.points), -1)[body.nodes]
@@ -283,7 +313,7 @@ def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.nda
                 way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
                 texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
         text = " while ".join(texts)
-        if (np.abs(problem.loads.T @ motion) > ALMOST_NONE * loads * np.abs(motion).max()).any():
+        if loaded:
             raise NotSolvableError(
                 f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
                 "displacement, or add the contact that does"

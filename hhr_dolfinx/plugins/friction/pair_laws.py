@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.law import MeshArrays, PairLaw
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.declared import KnownArguments
+from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, check_finite
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.rows import ContactRows
 
 
-class _Tangential(PairLaw):
+class _Tangential(KnownArguments, PairLaw):
     """A law of the tangential forces of a contact pair, by two constants."""
 
     plugin: ClassVar[str] = "friction"
@@ -37,7 +39,14 @@ class _Tangential(PairLaw):
         return ", ".join(parts)
 
     def check(self, scene: Any, what: str) -> None:
-        FrictionLaw.of(self, scene.parameters, what)
+        coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
+        if coefficient is not None and (value := coefficient.value(scene.parameters.middle)) > LARGE:
+            angle = f"; of an angle of {value:g} degrees it is {np.tan(np.radians(value)):.3g}" if value < 90 else ""
+            warn(
+                f"{what}: a coefficient of friction of {value:g} is more than rubber has, about 1. It is a ratio of "
+                f"forces, no angle and no percentage{angle}",
+                SceneWarning,
+            )
         if scene.shapes and self.limit is not None:
             raise SceneError(
                 f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, "
@@ -111,6 +120,8 @@ def _check_constant(value: float | str, name: str) -> None:
 
 
 Law = Coulomb | Tresca
+LARGE = 5.0
+"""Coefficient of friction in the middle of the box above which it may be an angle or a percentage."""
 STICK = 0.1
 """Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of pressures."""
 

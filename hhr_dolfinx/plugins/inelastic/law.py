@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Floats, Integers, KnownArguments
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import is_number
@@ -74,7 +74,7 @@ ORDER = Order((None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({T
 _ELASTIC = ("young", "poisson")
 
 
-class Law:
+class Law(KnownArguments):
     """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are constants.
 
     Attributes:

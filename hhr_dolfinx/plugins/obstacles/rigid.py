@@ -18,7 +18,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import FINITE, check_formula
 from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.declared import Floats
+from hhr_dolfinx.declared import Floats, KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import STEP, Formula, Scalar, box_samples, formula_of
 from hhr_dolfinx.pairings.surface import (
@@ -102,7 +102,7 @@ class Distances(Rebuilt):
 
 
 @dataclass(frozen=True)
-class Rigid:
+class Rigid(KnownArguments):
     """Base of the pairings with a rigid obstacle.
 
     ``friction`` and ``law`` are those of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`; the scene sets ``box``.

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,8 @@ SURE = 4
 """Full answers that a model is compared with if its bound meets the target already."""
 FRESH = 40
 """Full answers that others are compared with; half of them where the model expects its largest errors."""
+HOPELESS = 16
+"""Queries after which a search ends if none has an answer: more of them would not help a training, which needs half."""
 DOUBTED = 1.5
 """Factor by which the expected time of a stage must exceed the budget to stop it: its first step takes longer."""
 
@@ -55,6 +58,10 @@ class BudgetSpentError(HHRError):
     def __init__(self, text: str, stage: str = ""):
         super().__init__(text)
         self.stage = stage
+
+
+class FewAnswersError(ConvergenceError):
+    """Too few queries of the box have an answer: no model can be built or checked, however many more are solved for."""
 
 
 @dataclass
@@ -81,6 +88,7 @@ class SearchContext:
     checking: bool = False  # whether a model is being checked: before that, time is reserved for the answers of a check
     short: str = ""  # reason why the last check has fewer answers than planned; empty if it has all
     batches: list[float] = field(default_factory=list)  # seconds of full answers, as many at once as there are ranks
+    _first_failure: str = ""  # the first query without an answer, and the reason
     _began: dict[str, float] = field(default_factory=dict)
     _last: dict[str, float] = field(default_factory=dict)
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
@@ -171,10 +179,17 @@ class SearchContext:
             questions = Sobol(count, self.seed, corners=len(space.names) <= CORNERS).points(space)
         self.check_affordable(questions, f"a training of {len(questions)}", SURE)
         lost = Lost()
-        answers = list(self._answers(questions, "training answers", lost))
+        least = (len(questions) + 1) // 2
+        answers = list(self._answers(questions, "training answers", lost, least))
+        if len(answers) < least:
+            asked = sum(_key(question) in self._known for question in questions)
+            raise self._few(
+                f"{len(answers)} of the first {asked} of {len(questions)} training queries have an answer, and a model "
+                "needs half of them"
+            )
         self._look(answers)
         snapshots = _set_of(answers)
-        lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
+        lost.warn(len(questions), least, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
 
     def reduced(self, reductor: Reductor, count: int) -> Any:
@@ -224,10 +239,19 @@ class SearchContext:
             if not found:
                 raise
             self.short = f"{len(found)} of {len(questions)} fresh answers were affordable: {error}"
-        lost.warn(len(questions), 1, "fresh queries")
+        if not found and self.family is None:  # a part of the box may have answers
+            questions = self.full.parameters.random(HOPELESS, seed)[count:]
+            found += islice(self._answers(questions, "fresh answers", lost), SURE)
+        if not found and self._first_failure:
+            raise self._few(f"none of {len(self._known)} queries of the box has an answer")
+        lost.warn(len(found) + len(lost.failures), 1, "fresh queries")
         self._look(found)
         self.errors.know(found)
         return found
+
+    def _few(self, what: str) -> FewAnswersError:
+        """Error of too few answers, with the first reason."""
+        return FewAnswersError(f"{what}; the first, {self._first_failure}. Lower the loads, or narrow the box")
 
     def _look(self, found: Sequence[Exact]) -> None:
         """Warn once of faults that no check of a model detects: strains that are not small, bodies that never touch."""
@@ -260,9 +284,10 @@ class SearchContext:
         return np.array(rows)
 
     def _answers(
-        self, questions: np.ndarray | Sequence[AnswerPath], label: str, lost: Lost
+        self, questions: np.ndarray | Sequence[AnswerPath], label: str, lost: Lost, least: int = 0
     ) -> Iterator[Answer | History]:
-        """Exact answers; queries without one are reported to ``lost``."""
+        """Exact answers; queries without one are reported to ``lost``. End when fewer than ``least`` can be left."""
+        missing = 0
         count = self._unsolved(questions)
         seconds = self._duration(count)
         self.announce(f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else ""), 0.0)
@@ -274,6 +299,10 @@ class SearchContext:
             found = self._known[key]
             if found is not None:
                 yield found
+                continue
+            missing += 1
+            if len(questions) - missing < least or (least and missing == place + 1 == HOPELESS):
+                return
 
     def _solve(self, questions: np.ndarray | Sequence[AnswerPath], lost: Lost) -> None:
         """Solve the first of some queries, and as many after it as there are ranks."""
@@ -294,10 +323,15 @@ class SearchContext:
         solved = self.workers.solved(list(some.values()))
         self.batches.append(clock.seconds)
         for (key, question), found in zip(some.items(), solved, strict=True):
-            with lost.recorded(str(getattr(question, "name", "")) or self.full.parameters.described(question)):
+            with lost.recorded(self._called(question)):
                 if isinstance(found, HHRError):
+                    self._first_failure = self._first_failure or f"{self._called(question)}: {found}"
                     raise found
                 self._known[key] = found
+
+    def _called(self, question: Any) -> str:
+        """Name of a path, or a point in words."""
+        return str(getattr(question, "name", "")) or self.full.parameters.described(question)
 
 
 def _about(seconds: float) -> str:

@@ -51,6 +51,7 @@ class Reduction:
         chosen: number of the returned model; None if there is no model.
         full_answers, seconds: of the whole search.
         reason: why the target is not met, or empty.
+        answered: part of the box in which the model answers; it refuses the rest, where strains mean nothing.
     """
 
     scene: str
@@ -60,6 +61,7 @@ class Reduction:
     full_answers: int
     seconds: float
     reason: str = ""
+    answered: float = 1.0
 
     @property
     def met(self) -> bool:
@@ -99,7 +101,8 @@ class Reduction:
             return f"{target} is not met: {self.reason}. The best model is returned; {spent}"
         item = self.tried[self.chosen]
         sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box exceeds it"
-        return "; ".join([f"{target} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
+        where = "" if self.answered == 1.0 else f" in {self.answered:.2%} of the box, and the model refuses the rest"
+        return "; ".join([f"{target} is met{where}, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:
         outcome = item.outcome

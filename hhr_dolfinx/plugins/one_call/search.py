@@ -33,6 +33,7 @@ from hhr_dolfinx.errors import (
     NoBoundWarning,
     NotOfferedError,
     NotSolvableError,
+    OutsideTrainingError,
     ParameterError,
     SceneError,
     ShapeError,
@@ -52,7 +53,7 @@ from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
-from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
+from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, FewAnswersError, SearchContext
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
@@ -93,6 +94,11 @@ TINY = 1e-300
 OF_FIELDS = ("fields", "bound")
 """Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
 KEPT = "reduction.json"
+NOTHING_SMALL = (
+    "strains are above 1 in nearly all of the box, where a theory of small strains means nothing. Lower the loads, "
+    "check units and moduli, or narrow the box"
+)
+"""Reason for which there is no model if each of :data:`LOOKED_AT` points has such strains."""
 
 
 def reduce(
@@ -167,7 +173,14 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
         else:
             try:
                 model, reduction = _searched(context, kept)
-                found = model, reduction = context.full.strains.corners(context.full, model), reduction
+                context.progress("strains in corners of the box", 0.0)  # of histories, as long as training answers
+                limited = context.full.strains.corners(context.full, model)
+                reduction = replace(reduction, seconds=context.clock.seconds)
+                if limited is not model:
+                    reduction = replace(reduction, answered=_share_answered(context, limited))
+                found = model, reduction = limited, reduction
+                if not reduction.answered:
+                    raise _no_model(kept, replace(reduction, chosen=None, reason=NOTHING_SMALL))
                 if kept is not None:
                     save_model(make_folder(kept) / "model.npz", model)
                     registry.write_companions(context.full, kept)
@@ -251,11 +264,27 @@ def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction
         raise
     reduction = found.reduction
     if reduction.chosen is None:
-        _keep_record(kept, reduction)
-        error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
-        vars(error)["reduction"] = reduction
-        raise error from found.failure
+        raise _no_model(kept, reduction) from found.failure
     return found.models[reduction.chosen], reduction
+
+
+def _no_model(kept: Path | None, reduction: Reduction) -> StudyError:
+    """Error of a search without a model, whose record is kept and is an attribute of the error."""
+    _keep_record(kept, reduction)
+    error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
+    vars(error)["reduction"] = reduction
+    return error
+
+
+def _share_answered(context: SearchContext, model: KeptModel) -> float:
+    """Part of random points of the box at which a model does not refuse to answer."""
+    points = context.full.parameters.random(LOOKED_AT, context.seed)
+    answered = 0
+    for point in points:
+        with suppress(OutsideTrainingError):
+            model.check_range(point, "refuse")
+            answered += 1
+    return answered / len(points)
 
 
 def attempts(context: SearchContext) -> Iterator[Proposal]:
@@ -336,7 +365,10 @@ class _Found:
             return
         self.failure = error
         row = self._row(f"refused: {error}")
-        if isinstance(error, ShapeError):
+        if isinstance(error, FewAnswersError):
+            self._reason = "too few points of the box have an answer"
+            self._over = True
+        elif isinstance(error, ShapeError):
             self._reason = "the scene itself allows no model of all of its box"
             self._over = True
         elif isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in {

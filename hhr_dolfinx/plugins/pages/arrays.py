@@ -48,8 +48,8 @@ def check_model(model: object, what: str = "a page") -> None:
         own = getattr(model, "eliminated", None)
         kind = f"a {type(model).__name__}" + ("" if own is None else f" with {type(own).__name__}")
         raise NotOfferedError(
-            f"{what} answers by all contact conditions, and {kind} does not: condense the scene, "
-            "hhr.condense(scene) or hhr train SCENE --model condensed"
+            f"cannot write {what} of {kind}: only condensed models, which keep all contact conditions, are supported. "
+            "Call hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.law.plugin:
         if model.eliminated.keeps_kernel:

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
@@ -21,7 +22,7 @@ from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, check_tag,
 
 
 @dataclass(frozen=True)
-class Nodes:
+class Nodes(KnownArguments):
     """The nodes at which a function of the coordinates is true, ``Nodes(lambda x: np.isclose(x[0], 0))``.
 
     Attributes:
@@ -77,7 +78,7 @@ class Nearest:
 
 
 @dataclass(frozen=True)
-class NodalForce:
+class NodalForce(KnownArguments):
     """A force ``amplitude(mu) * vector`` at each node of a set, ``*CLOAD`` of decks; in axisymmetry on its whole ring.
 
     Below a force at a point the displacement grows without limit as the mesh gets finer: give a pressure where it
@@ -112,7 +113,7 @@ class NodalForce:
 
 
 @dataclass(frozen=True)
-class Springs:
+class Springs(KnownArguments):
     """A spring to ground at each node, or a bedding per area: forces -k (u - amplitude) along a component.
 
     Attributes:

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.errors import HHRError, ParameterError
+from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.group import ALONE, group_of
 from hhr_dolfinx.models.answer import ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.parameters import ParameterSpace, PointsLike
+from hhr_dolfinx.parameters import PointsLike
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Answers(NamedTuple):
 
 def answer_points(
     model: AnsweringModel,
-    points: np.ndarray,
+    points: PointsLike,
     comm: Comm | None = None,
     progress: Progress = iter,
     outside: str = "refuse",
@@ -106,7 +106,7 @@ def answer_points(
     Args:
         model: any model that answers points. Model and points are the same on all ranks; a model that falls back has a
             full model on each rank, and learns there from the queries of that rank.
-        points: (S, P).
+        points: (S, P), or columns or rows with names.
         comm: communicator over which the points are distributed; None for this process alone, without MPI.
         progress: wrapper of the iteration over blocks, for a progress bar.
         outside: see :meth:`Model.solve`. The default refuses rows outside the training range, as readers of a table see
@@ -121,7 +121,7 @@ def answer_points(
     group = ALONE if comm is None else group_of(comm)
     with group.each("answering the table"):
         check_outside(outside)
-        points = _table(points, model.parameters)
+        points = model.parameters.table(points)
     group.agreed("answering the table", lambda: [repr(model), points])
     with group.each("answering the table"):
         query = Query(model, outside, displacement, estimates)
@@ -249,16 +249,3 @@ class Query:
             return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
         return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
-
-
-def _table(points: PointsLike, space: ParameterSpace) -> np.ndarray:
-    """Points as a table of numbers."""
-    try:
-        table = np.array(points, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"points are no table of numbers, a row per point ({error})") from None
-    if table.ndim != 2 or table.shape[1] != len(space.names):
-        raise ParameterError(
-            f"points have the shape {table.shape}: give one row per point, a column for each of {space.names}"
-        )
-    return table

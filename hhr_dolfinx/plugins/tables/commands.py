@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 from hhr_dolfinx.command.speaking import resumable, spoken
@@ -49,10 +50,10 @@ def answer(
         raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
     console, progress = spoken()
     loaded = model_of(model, known)
-    rows = read_points(table, loaded.parameters)
+    rows = read_points(table, loaded.parameters, partial(console.print, highlight=False, markup=False))
     rows = rows if part is None else [rows[k] for k in share(len(rows), part[0] - 1, part[1])]
     if loaded.equilibrium is not None:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
+    bad = answer_table(loaded, rows, target, console, progress("blocks of rows"), **columns, resume=checksum(model))
     sys.exit(NO_ANSWER if bad else 0)

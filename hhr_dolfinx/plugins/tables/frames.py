@@ -8,16 +8,17 @@ import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.parameters import PointsLike, named_values
 from hhr_dolfinx.plugins.tables.batch import answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
 
 
-def to_pandas(model: AnsweringModel, points: object, *, outside: str = "refuse", forces: bool = False) -> Any:
+def to_pandas(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False) -> Any:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
         model: any model that answers points.
-        points: (S, P), or names with columns, such as a frame of parameters.
+        points: (S, P), or columns or rows with names, such as a frame of parameters; other columns are left out.
         outside: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         forces: include columns of the nodal contact forces, one for each condition.
 
@@ -36,7 +37,7 @@ def to_pandas(model: AnsweringModel, points: object, *, outside: str = "refuse",
     return pandas.DataFrame(given | {"status": answers.status} | columns_of(answers, forces))
 
 
-def to_xarray(model: AnsweringModel, points: object, *, outside: str = "refuse") -> Any:
+def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse") -> Any:
     """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:
@@ -59,10 +60,11 @@ def to_xarray(model: AnsweringModel, points: object, *, outside: str = "refuse")
     return xarray.Dataset(values, coords={name: ("point", column) for name, column in given.items()})
 
 
-def _answered(model: AnsweringModel, points: Any, outside: str) -> tuple[dict[str, np.ndarray], Any]:
+def _answered(model: AnsweringModel, points: PointsLike, outside: str) -> tuple[dict[str, np.ndarray], Any]:
     """Parameters by name, and answers to an array of points, or to columns with names."""
     names = model.parameters.names
-    if hasattr(points, "keys"):
-        points = np.column_stack([np.asarray(points[name], dtype=float) for name in names])
-    answers: Any = answer_points(model, np.asarray(points, dtype=float), outside=outside)
+    columns = named_values(points)
+    if columns is not None:  # a table of a study has further columns, which a file of a table may have too
+        points = {name: column for name, column in columns.items() if name in names}
+    answers: Any = answer_points(model, points, outside=outside)
     return dict(zip(names, answers.points.T, strict=True)), answers

@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import logging
 import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +40,11 @@ WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
 """Endings of tables that only spreadsheets read."""
 SHOWN = 20
 """Largest count of bad rows whose reasons are printed; the table has all of them."""
+DELIMITERS = ",;\t"
+"""Marks between the columns of a table of text, the usual one first."""
 _STATUS = "status"
+_UNIT = re.compile(r"\s*\[[^][]*\]$")
+_log = logging.getLogger(__name__)
 
 
 class TableRow(NamedTuple):
@@ -50,8 +55,16 @@ class TableRow(NamedTuple):
     fault: str = ""
 
 
-def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
-    """Read the rows of a CSV file (UTF-8, commas), without empty lines, or of Parquet. The header names the parameters.
+def read_points(path: str | Path, space: ParameterSpace, say: Callable[[str], object] = _log.warning) -> list[TableRow]:
+    """Read the rows of a CSV file, without empty lines, or of Parquet. The header names the parameters, in any order.
+
+    A CSV file is UTF-8 text, with or without a byte order mark, whose columns are separated by commas, semicolons or
+    tabs. Columns may be named with a unit, ``push [Pa]``. Between semicolons numbers may have decimal commas.
+
+    Args:
+        path: the file.
+        space: the parameters; other columns are left out.
+        say: function that prints what is assumed of units and of decimal commas.
 
     Raises:
         ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
@@ -59,29 +72,60 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
     if Path(path).suffix.lower() in WORKBOOKS:
         raise ParameterError(f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with commas")
     if Path(path).suffix == PARQUET:
-        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
+        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names, say), start=2)]
     try:
-        # with or without the byte-order mark that spreadsheets write
+        # with or without the byte order mark that spreadsheets write
         with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, skipinitialspace=True)
+            delimiter = _delimiter(next((line for line in file if line.strip()), ""), space.names)
+            file.seek(0)
+            reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
             rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
     except FileNotFoundError:
         raise ParameterError(f"there is no table of parameters {path}") from None
     except (OSError, ValueError, csv.Error) as error:
         raise ParameterError(f"{path} cannot be read as a table of UTF-8 text ({error})") from error
     header = rows[0][1] if rows else []
-    wrong = sorted(name for name in space.names if header.count(name) != 1)
-    if wrong:
-        if any(mark in cell for cell in header for mark in ";\t"):
-            raise ParameterError(
-                f"{path} is separated by semicolons or tabs, as spreadsheets of some languages save it: separate its "
-                "columns by commas, and write numbers with a decimal point"
-            )
+    columns = _columns(path, header, space.names, say)
+    table = [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
+    texts = [cell for row in table for cell in row.cells]
+    if delimiter == ";" and any("," in text for text in texts) and not any("." in text for text in texts):
+        say(f"{path}: its numbers have decimal commas")
+        return [row._replace(cells=[_with_point(cell) for cell in row.cells]) for row in table]
+    return table
+
+
+def _delimiter(header: str, names: Sequence[str]) -> str:
+    """Mark between the columns: the one by which the header names the most parameters."""
+
+    def matches(mark: str) -> int:
+        cells = [cell.strip() for cell in next(csv.reader([header], delimiter=mark, skipinitialspace=True), [])]
+        return sum(bool(_places(cells, name)) for name in names)
+
+    return max(DELIMITERS, key=matches)
+
+
+def _places(header: Sequence[str], name: str) -> list[int]:
+    """Indices of the columns of a parameter, which may be named with a unit."""
+    return [k for k, head in enumerate(header) if head == name or _UNIT.sub("", head) == name]
+
+
+def _columns(path: str | Path, header: Sequence[str], names: Sequence[str], say: Callable[[str], object]) -> list[int]:
+    """Index of the column of each parameter; ParameterError if the header does not name each once."""
+    places = {name: _places(header, name) for name in names}
+    if wrong := sorted(name for name, columns in places.items() if len(columns) != 1):
         raise ParameterError(
-            f"{path} has no column {wrong} or has it twice: its header must name {space.names}, separated by commas"
+            f"{path} has no column {wrong} or has it twice: its header must name each of {tuple(names)} once, and is "
+            f"{list(header)}"
         )
-    columns = [header.index(name) for name in space.names]
-    return [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
+    columns = [places[name][0] for name in names]
+    if units := [header[k] for k, name in zip(columns, names, strict=True) if header[k] != name]:
+        say(f"{path}: units are not converted, numbers are those of the scene: {', '.join(units)}")
+    return columns
+
+
+def _with_point(text: str) -> str:
+    """A number with a decimal point in place of one comma."""
+    return text.replace(",", ".") if text.count(",") == 1 else text
 
 
 def answer_table(
@@ -346,7 +390,7 @@ def checksum(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
+def read_columns(path: Path, names: tuple[str, ...], say: Callable[[str], object] = _log.warning) -> list[list[str]]:
     """Rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
     Raises:
@@ -360,12 +404,8 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
         raise ParameterError(f"there is no table of parameters {path}") from None
     except (OSError, ArrowException) as error:
         raise ParameterError(f"{path} cannot be read as Parquet ({error})") from error
-    wrong = sorted(name for name in names if table.column_names.count(name) != 1)
-    if wrong:
-        raise ParameterError(
-            f"{path} has no column {wrong} or has it twice: its columns must name {names}, and are {table.column_names}"
-        )
-    columns = [table.column(name).to_pylist() for name in names]
+    places = _columns(path, table.column_names, names, say)
+    columns = [table.column(place).to_pylist() for place in places]
     return [["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import ufl
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
+from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import volume
 from hhr_dolfinx.formulas import Formula, formula_of
@@ -22,7 +23,7 @@ ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
-class BodyForce:
+class BodyForce(KnownArguments):
     """Force ``amplitude(mu) * direction`` per volume of a body, such as its weight.
 
     Attributes:
@@ -51,7 +52,7 @@ class BodyForce:
 
 
 @dataclass(frozen=True)
-class Centrifugal:
+class Centrifugal(KnownArguments):
     """Force ``amplitude(mu) * d`` per volume of a rotating body, with the vector d from the axis.
 
     Attributes:
@@ -100,7 +101,7 @@ class Centrifugal:
 
 
 @dataclass(frozen=True)
-class Eigenstrain:
+class Eigenstrain(KnownArguments):
     """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as swelling.
 
     The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on parameters if moduli do.
@@ -141,7 +142,7 @@ class Eigenstrain:
 
 
 @dataclass(frozen=True)
-class ThermalExpansion:
+class ThermalExpansion(KnownArguments):
     """The isotropic strain ``expansion(mu) * temperature(mu) * field(x)`` of a heated body.
 
     Attributes:

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSetting
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.shown import Shown, counted
-from hhr_dolfinx.parameters import check_counts, is_whole
+from hhr_dolfinx.parameters import check_counts, has_names, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
@@ -105,7 +105,8 @@ class Training(Shown):
         """Method that a plug-in adds."""
         places = registry.named("kinds") | registry.named("methods")
         if name.startswith("_") or name not in places:
-            raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
+            why = registry.remedy("kinds", name) or registry.remedy("methods", name)
+            raise AttributeError(f"a training has no {name!r}{why or ', and no installed plug-in adds it'}")
         return partial(registry.load(places[name]), self)
 
     def condense(self, settings: object = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
@@ -371,7 +372,8 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
     try:
         if hasattr(training, "points"):
             training = np.asarray(training.points(scene.parameters))
-        given = isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
+        given = has_names(training)
+        given = given or (isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f"))
         points = scene.parameters.points(training) if given else scene.parameters.grid(training)
     except ParameterError as error:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None

@@ -72,6 +72,42 @@ def test_what_nothing_holds_is_named_with_its_motion():
             hhr.FullOrderModel(made, MPI.COMM_SELF)
 
 
+LEFT, RIGHT, FLOOR, LID = (block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True))
+
+
+def pulled(left, right, young=50.0):
+    """A block of 2 by 1 on a floor, pressed by ``q`` and pulled on both sides, which nothing holds along the floor."""
+    return block_scene(
+        "pulled",
+        {"p": (0.0, 2.0), "q": (1.0, 3.0)},
+        upper=(2.0, 1.0),
+        young=young,
+        contacts=(hhr.Obstacle(FLOOR, (0.0, -1.0), 0.0),),
+        loads=(hhr.Pressure(LID, slope("q")), hhr.Pressure(LEFT, left), hhr.Pressure(RIGHT, right)),
+    )
+
+
+@pytest.mark.filterwarnings("ignore:body 1 .* moves along axis 0")
+@pytest.mark.parametrize("other", [slope("p", -1.0), "-p", "-p + 0 * q**2"])
+def test_loads_that_balance_each_other_are_judged_by_their_sum(other):
+    """The strain along the floor is ((1 - nu^2) p + nu (1 + nu) q) / E: uniform, in closed form."""
+    full = hhr.FullOrderModel(pulled(slope("p", -1.0), other), MPI.COMM_SELF)
+    answer = kkt(full, (1.5, 2.0))
+    ends = [np.isclose(full.problem.points[:, 0], x) for x in (0.0, 2.0)]
+    left, right = (answer.displacement().reshape(-1, 2)[end, 0] for end in ends)
+    strain = ((1 - 0.3**2) * 1.5 + 0.3 * 1.3 * 2.0) / 50.0
+    np.testing.assert_allclose(right, strain, rtol=1e-9)  # at rest in the mean: both ends move by half of the stretch
+    np.testing.assert_allclose(left, -strain, rtol=1e-9)
+    model = exact_condensation(full, hhr.compute_snapshots(full, full.parameters.random(4, 1)).known_statuses())
+    np.testing.assert_allclose(model.solve((1.5, 2.0)).displacement(), answer.displacement(), atol=1e-12)
+
+
+@pytest.mark.parametrize("other", [slope("p", -1.001), "-p - 1e-6 * q", 0.5])
+def test_loads_whose_sum_drives_a_free_body_are_refused(other):
+    with pytest.raises(NotSolvableError, match="moves along axis 0, which loads drive and no contact resists"):
+        hhr.FullOrderModel(pulled(slope("p", -1.0), other), MPI.COMM_SELF)
+
+
 @pytest.mark.parametrize("young", [1000.0, pytest.param("E", marks=needs("moduli"))])
 def test_gradients_are_those_of_differences(young):
     box = {"p": (1.0, 10.0)} | ({"E": (500.0, 2000.0)} if young == "E" else {})

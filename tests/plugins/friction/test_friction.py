@@ -18,7 +18,7 @@ from friction_random import NONE, layout, random_problem, violation
 from mpi4py import MPI
 from needs import needs
 from parts import fretting_study
-from scenes import slope, slope_errors
+from scenes import pressed_block, slope, slope_errors
 from sheared import PATH, driven, round_block, rubbing
 
 import hhr_dolfinx as hhr
@@ -30,6 +30,7 @@ from hhr_dolfinx.errors import (
     PairingWarning,
     ParameterError,
     SceneError,
+    SceneWarning,
     UndeterminedWarning,
 )
 from hhr_dolfinx.geometries import block
@@ -700,3 +701,11 @@ def test_a_motion_that_friction_leaves_open_has_no_bound(make):
         answer = model.solve((4.0, 0.5))
     assert answer.undetermined is None and set(answer.estimate().outputs) == {"down", "weight"}
     assert answer.outputs()["weight"] == pytest.approx(8.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("given", [30, "10 + 100 * push", hhr.Coulomb(30)])
+def test_a_coefficient_that_may_be_an_angle_is_warned_of(given):
+    block_scene = pressed_block("plane_strain")
+    contacts = (dataclasses.replace(block_scene.contacts[0], friction=given),)
+    with pytest.warns(SceneWarning, match="coefficient of friction of (30|15) .*no angle .*(0.577|0.268)"):
+        dataclasses.replace(block_scene, contacts=contacts)

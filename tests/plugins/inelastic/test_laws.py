@@ -673,7 +673,7 @@ def test_groups_that_do_not_hold_each_gauss_point_once_are_refused(indices):
 
 @pytest.mark.parametrize(("young", "poisson"), [(0.0, 0.3), (np.inf, 0.3), (np.nan, 0.3), (1.0, 0.5), (1.0, np.nan)])
 def test_constants_without_energy_are_refused(young, poisson):
-    with pytest.raises(SceneError, match=r"must be positive and finite, and nu"):
+    with pytest.raises(SceneError, match=r"must be positive and finite, and poisson"):
         Material([Group(np.arange(2), young, poisson, None)], 4)
 
 

@@ -213,6 +213,16 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
             hhr.slide(dataclasses.replace(scene, **change))
 
 
+def test_pressures_are_those_of_the_slave_nodes(smooth):
+    """Forces on dofs of surfaces have no areas, and were divided by them: all pressures were NaN."""
+    answer = drawn(smooth).answers[-1]
+    for full in (None, hhr.FullOrderModel(demo.scene(None, cells=CELLS), MPI.COMM_SELF)):
+        with pytest.raises(NotOfferedError, match=r"Pressures of the slave nodes are answer\.slip\.pressure / model\."):
+            answer.pressure(full)
+    pressed = answer.slip.pressure / smooth.law.area
+    assert pressed @ smooth.law.area == pytest.approx(answer.outputs()["pressed"], rel=0.01)
+
+
 @needs("checks", "tables")
 def test_what_tables_and_fields_say_of_sliding(rough, tmp_path):
     """The whole force of a table is that of the pressures of slave nodes; fields of dofs are refused."""
