@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import FileContentError, FileError
+from hhr_dolfinx.errors import FileContentError, FileError, SceneError
 from hhr_dolfinx.plugins.decks.deck import Deck, Left
 
 if TYPE_CHECKING:
@@ -54,6 +54,18 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         FileContentError: for a file that cannot be read, with the line.
         SceneError: for a deck from which no scene can be made, with the line.
     """
+    deck = _read(path, mesh)
+    if not deck.pairs:
+        raise SceneError(
+            f"{path.name}: a scene needs a contact pair, and every node of the outside of its bodies is held. Name the "
+            "surfaces to hold and to press in the file of the mesh, such as physical groups of gmsh"
+            + "".join(f". {item}" for item in deck.left)
+        )
+    return deck
+
+
+def _read(path: Path, mesh: Path | None) -> Deck:
+    """Contents of a file, maybe without a contact pair."""
     from hhr_dolfinx.geometries.abaqus_blocks import blocks
     from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck

@@ -200,3 +200,20 @@ def test_surfaces_that_overlap_face_each_other(tmp_path):
     assert invoke("start", plates(tmp_path, 1.0, -0.005, (("LOWER", 3), ("UPPER", 1))))[0] == 0
     scene = scene_of(str(tmp_path / "plates.py"))
     assert {scene.contacts[0].slave, scene.contacts[0].master} == {"LOWER_SIDE", "UPPER_SIDE"}
+
+
+def test_a_ball_has_nothing_to_hold_and_to_press(tmp_path):
+    """Its one side is its whole outside: no scene is written that cannot be read."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addSphere(0, 0, 0, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(tmp_path / "ball.msh"))
+    gmsh.finalize()
+    code, output = invoke("start", tmp_path / "ball.msh")
+    assert code == 3 and "Name the surfaces to hold and to press" in output, output
+    assert not (tmp_path / "ball.py").exists()
