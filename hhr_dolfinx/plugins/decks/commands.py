@@ -45,6 +45,11 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
     console, _ = spoken()
     for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if deck.contact_lost:
+        raise SceneError(
+            f"{file.name} states contact, and {target} has none of it, so that its answers are those without: the TODO "
+            "lines say why. Add the pairs to its contacts"
+        )
 
 
 def deck_of(path: Path, mesh: Path | None = None) -> Deck:
@@ -66,13 +71,13 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
 
 def _read(path: Path, mesh: Path | None) -> Deck:
     """Contents of a file, maybe without a contact pair."""
-    from hhr_dolfinx.geometries.abaqus_blocks import blocks
     from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
     from hhr_dolfinx.plugins.decks.inp import read_inp
     from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-    from hhr_dolfinx.plugins.decks.inp_steps import Block, of_kind
+    from hhr_dolfinx.plugins.decks.inp_steps import of_kind
+    from hhr_dolfinx.plugins.decks.keywords import blocks_of
     from hhr_dolfinx.plugins.decks.named import NamedParts
     from hhr_dolfinx.plugins.decks.template import template
 
@@ -85,9 +90,9 @@ def _read(path: Path, mesh: Path | None) -> Deck:
         return _without_folds(read_comm(path, mesh, parts), parts.raw)
     parts = NamedParts(MeshFile(path).read())
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
-    found = [Block(path.name, *block) for block in blocks(path)] if deck else []
-    physics = of_kind(found, "SOLID SECTION", "STEP")
-    made = read_inp(path, found, parts, DeckNodes(flat_deck(path))) if physics else template(path, parts)
+    kept, left = blocks_of(path) if deck else ([], [])
+    physics = of_kind(kept, "SOLID SECTION", "STEP")
+    made = read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left) if physics else template(path, parts)
     return _without_folds(made, parts.raw)
 
 

@@ -37,7 +37,7 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
     for block in of_kind(found, "TIE"):
         for row in block.rows:
             names = [word for word in row if word][:2]
-            if len(names) < 2 or {"MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"} & block.options.keys():
+            if len(names) < 2:
                 left.append(block.left("no counterpart: a tie of two surfaces is read"))
             elif "CYCLIC SYMMETRY" in block.options:
                 own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from deck_runs import by_calculix, end, solved, started
 from deck_texts import STEEL, bar, block_lines, blocks
 from mpi4py import MPI
 from needs import needs
@@ -12,30 +13,8 @@ from scenes import slope
 from shell import invoke
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.command.loading import scene_of
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
-
-
-def started(folder, text, name="deck.inp"):
-    """The scene of a deck's text, and what the command printed."""
-    (folder / name).write_text(text)
-    code, output = invoke("start", folder / name)
-    assert code == 0, output
-    return scene_of(str(folder / name.replace("inp", "py"))), output
-
-
-def solved(scene, duration=None):
-    """Model and answer in the middle of the box."""
-    full = hhr.FullOrderModel(scene)
-    more = {} if duration is None else {"duration": duration}
-    return full, full.solve(scene.parameters.middle, **more)
-
-
-def end(full, answer, place=(4.0, 0.0, 0.0)):
-    """Displacement of the node at a place."""
-    node = np.linalg.norm(full.problem.points - place, axis=1).argmin()
-    return answer.displacement().reshape(-1, 3)[node]
 
 
 @pytest.mark.parametrize(
@@ -131,13 +110,22 @@ def test_a_traction_and_three_parameters_at_most(tmp_path):
     assert full.pressures(answer).sum() == pytest.approx(4 + 1 + 1 + 4, rel=1e-9)
 
 
-def test_a_gap_is_a_parameter(tmp_path):
-    """Closed by .02 over .01 of the mesh and .005 of *CLEARANCE: p = E (.02 - .015) / 2."""
-    step = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.02"
-    before = "*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE=0.005"
-    scene, _ = started(tmp_path, blocks(step, gap=0.01, before=before))
-    assert scene.parameters.names == ("displacement", "gap")
-    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(2.5, rel=1e-8)
+STIFF = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e7"
+
+
+@pytest.mark.parametrize(
+    ("drawn", "value", "moved", "pressure"),
+    [(0.01, 0.005, -0.02, 7.5), (0.2, -0.02, 0.0, 10.0), (0.1, 0.0, -0.02, 10.0)],
+)
+def test_a_clearance_overwrites_the_drawn_gap(drawn, value, moved, pressure, tmp_path):
+    """p = E (motion - value) / 2, whatever the mesh has: manual of CalculiX 2.20, *CLEARANCE, and its force."""
+    lid = f"*BOUNDARY\nUPPER_Z1, 3, 3, {moved}"
+    before = f"*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE={value}"
+    text = blocks(lid, gap=drawn, before=before, interaction=STIFF, kind="SURFACE TO SURFACE")
+    scene, _ = started(tmp_path, text)
+    assert scene.parameters.names == tuple(name for name, one in (("displacement", moved), ("gap", value)) if one)
+    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(pressure, rel=1e-8)
+    assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(pressure, rel=1e-3)  # of its penalty
 
 
 def test_friction(tmp_path):
@@ -369,13 +357,14 @@ def test_parts_without_counterpart_are_named(tmp_path):
     )
     before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
     text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
-    scene, output = started(tmp_path, text)
+    scene, output = started(tmp_path, text, code=3)
+    assert "deck.inp states contact, and" in output  # the answers of this scene are those without
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
     for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
                   "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED keeps",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED: it keeps",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written
@@ -386,7 +375,7 @@ def test_parts_without_counterpart_are_named(tmp_path):
     ("change", "why"),
     [(("1000., 0.3", "1000., soft"), "deck.inp:\\d+ .ELASTIC: 'soft' is no finite number"),
      (("*ELASTIC\n1000., 0.3\n", ""), "deck.inp:\\d+ .SOLID SECTION: material 'STEEL' has no .ELASTIC"),
-     (("*ELASTIC", "*ELASTIC, TYPE=ORTHO"), "is TYPE=ORTHO"),
+     (("*ELASTIC", "*ELASTIC, TYPE=ORTHO"), "deck.inp:\\d+ .ELASTIC: TYPE=ORTHO: E and nu are needed"),
      (("ELSET=BAR, MATERIAL", "MATERIAL"), "deck.inp:\\d+ .SOLID SECTION has no option ELSET="),
      (("*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL\n", ""), "deck.inp has no .SOLID SECTION"),
      (("BAR_X0, 1", "BAR_X0, all"), "'ALL' is no number of a component"),
@@ -412,7 +401,7 @@ def test_mistakes(change, why, tmp_path):
     ("change", "why"),
     [
         (("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
-        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
+        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST=0.1: no nodes are moved here"),
         (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
         (
             ("*STEP", "*CLEARANCE, SLAVE=LOWER_TOP, MASTER=UPPER_BOTTOM, VALUE=0.1\n*STEP"),
