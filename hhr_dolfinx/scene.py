@@ -102,7 +102,7 @@ class Opening:
     Attributes:
         contact: index of the pair in ``Scene.contacts``.
         amplitude: added gap.
-        overwrites: True if it is the gap itself, whatever the mesh has between the surfaces, as ``*CLEARANCE`` of decks.
+        overwrites: True if it is the whole gap, whatever the mesh has between the surfaces, as a ``*CLEARANCE``.
     """
 
     contact: int

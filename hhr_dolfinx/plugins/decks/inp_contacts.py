@@ -35,7 +35,7 @@ def pairs_of(
 ) -> tuple[Pair, ...]:
     """Contact pairs and obstacles; parts without counterpart are left."""
     frictions = _frictions(found, left)
-    rigid = _rigid(found, parts, nodes, state)
+    rigid = _rigid(found, parts, nodes, state, left)
     cleared = of_kind(found, "CLEARANCE")
     used: set[str] = set()
     pairs = []
@@ -136,7 +136,7 @@ def is_tool(block: Block, parts: NamedParts) -> bool:
 
 
 def _rigid(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed]
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
 ) -> tuple[dict[str, Plane], dict[str, tuple[Tool, np.ndarray]]]:
     """Rigid surfaces by their names in capitals: planes, and curved ones with their motions."""
     dim = parts.raw.dim
@@ -160,6 +160,8 @@ def _rigid(
         elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
             owner = firsts[0]
             points = _points_of(found, owner)
+        if "FILLET RADIUS" in block.options and sum(word in ("LINE", "CIRCL") for word in firsts) > 1:
+            left.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
         plane = _plane(np.array(points), sweep=profile or dim == 2)
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:

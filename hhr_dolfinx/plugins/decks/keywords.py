@@ -86,7 +86,7 @@ _FIXED = "it keeps values of earlier steps, of a bolt its force and not its leng
 _OF_MATERIALS = {
     "MATERIAL": _read("NAME", "DESCRIPTION|RTOL"),
     "ELASTIC": _refused(
-        _left(_read("TYPE=ISO|TYPE=ISOTROPIC"), DEPENDENCIES=_FIRST_LINE, MODULI="moduli do not relax here"),
+        _left(_read("", "TYPE=ISO|TYPE=ISOTROPIC"), DEPENDENCIES=_FIRST_LINE, MODULI="moduli do not relax here"),
         {"TYPE=*": "E and nu are needed: give it these, and change the body to hhr.Orthotropic in the scene"},
     ),
     "PLASTIC": _out(
@@ -99,12 +99,12 @@ _OF_MATERIALS = {
         {"HARDENING=*": "its hardening is not read, and the body stays elastic: give it a law"},
     ),
     "CREEP": _out(
-        _left(_read("LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
+        _left(_read("", "LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
         {"LAW=*": "its law has no counterpart, and the body does not creep: give it a law in the scene"},
     ),
     "EXPANSION": _out(
         _left(
-            _read("TYPE=ISO|TYPE=ISOTROPIC", "ZERO"),
+            _read("", "TYPE=ISO|TYPE=ISOTROPIC|ZERO"),
             **{"TYPE=*": "its first number counts in all directions"},
             DEPENDENCIES=_FIRST_LINE,
         ),
@@ -148,7 +148,7 @@ _OF_CONTACT = {
         USER="a subroutine is not read: contact is hard and frictionless, see hhr.ContactLaw",
     ),
     "SURFACE BEHAVIOR": _left(
-        _read("PRESSURE-OVERCLOSURE=HARD", "AUGMENTED LAGRANGE|PENALTY|DIRECT"),
+        _read("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
         **{
             "PRESSURE-OVERCLOSURE=*": "contact is hard here, surfaces do not overlap",
             "PRESSURE-OVERCLOSURE=TIED": "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
@@ -173,10 +173,10 @@ _OF_CONTACT = {
     ),
 }
 _OF_CONSTRAINTS = {
-    "EQUATION": _out(_read("INPUT"), {"REMOVE": "no counterpart: all equations hold"}),
-    "MPC": _out(_read("INPUT", "MODE"), {"USER": _USER}),
+    "EQUATION": _out(_read(), {"REMOVE": "no counterpart: all equations hold"}),
+    "MPC": _out(_read("", "MODE"), {"USER": _USER}),
     "TIE": _out(
-        _read("NAME|CYCLIC SYMMETRY", "ADJUST|POSITION TOLERANCE|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO"),
+        _read("NAME|CYCLIC SYMMETRY|POSITION TOLERANCE", "ADJUST|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO"),
         dict.fromkeys(("MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"), "no counterpart: two surfaces are tied"),
     ),
     "CYCLIC SYMMETRY MODEL": _read("N|TIE", "NGRAPH|CHECK|ELSET"),
@@ -267,7 +267,7 @@ _OF_STEPS = {
     "VISCO": _left(_read("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE),
     "AMPLITUDE": _refused(
         _left(
-            _read("NAME|TIME=TOTAL TIME|TIME=STEP TIME|DEFINITION=TABULAR|TIME DELAY|INPUT", "VALUE=RELATIVE"),
+            _read("NAME|TIME=TOTAL TIME|TIME=STEP TIME|TIME DELAY", "DEFINITION=TABULAR|VALUE=RELATIVE"),
             SMOOTH="corners of the curve stay sharp",
             **{"TIME=*": "no counterpart: times are those of the step or of all steps"},
         ),
@@ -278,13 +278,12 @@ _OF_STEPS = {
     ),
 }
 _OF_MESHES = {
-    "NODE": _read("NSET|SYSTEM|INPUT"),
-    "ELEMENT": _read("TYPE|ELSET|INPUT"),
+    "NODE": _read("NSET|SYSTEM"),
+    "ELEMENT": _read("TYPE|ELSET"),
     "NSET": _read("NSET|ELSET|GENERATE|UNSORTED|INSTANCE", "INTERNAL"),
     "ELSET": _read("ELSET|GENERATE|INSTANCE", "INTERNAL|UNSORTED"),
     "SURFACE": _left(
-        _read("NAME|TYPE|COMBINE", "INTERNAL|TRIM|NO OFFSET|NO THICK"),
-        FILLET_RADIUS="corners of the profile stay sharp",
+        _read("NAME|TYPE|COMBINE|FILLET RADIUS", "INTERNAL|TRIM|NO OFFSET|NO THICK"),
         CROP="the surface is whole",
     ),
     "NGEN": _refused(_read("NSET|LINE=C", "SYSTEM=RC"), dict.fromkeys(("LINE=*", "SYSTEM=*"), _UNEQUAL)),
@@ -326,6 +325,8 @@ TABLE: Mapping[str, Keyword] = {
     **{name: Keyword(Rule(LEFT, why)) for name, why in _NOT_READ.items()},
 }
 """All keywords that are known; others are TODO lines."""
+_INCLUDED = ("", "INPUT")
+"""Options of any keyword that are read with its lines: a line that goes on, and a file of data lines."""
 _COLUMNS = ((READ,), (IDLE,), (LEFT, OUT), (REFUSED,))
 UNKNOWN = Keyword(Rule(LEFT, "no counterpart"))
 
@@ -349,8 +350,8 @@ def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
         left += [block.left(keyword.rule.why)] if keyword.rule.outcome == LEFT else []
         rules = {}
         if keyword.rule.outcome == READ:
-            rules = {key: keyword.rule_of(key, value.upper()) for key, value in options.items() if key}
-            block = Block(path.name, line, name, readable(options, rules), rows)
+            rules = {key: keyword.rule_of(key, value.upper()) for key, value in options.items() if key not in _INCLUDED}
+            block = Block(path.name, line, name, readable(options, rules, name), rows)
         for key, rule in rules.items():
             said = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
             if rule.outcome == REFUSED:
@@ -360,8 +361,8 @@ def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
     return kept, left
 
 
-def readable(options: Mapping[str, str], rules: Mapping[str, Rule]) -> Mapping[str, str]:
-    """Options that a reader gets: no other can have an effect."""
+def readable(options: Mapping[str, str], rules: Mapping[str, Rule], keyword: str) -> Mapping[str, str]:
+    """Options of a keyword that a reader gets: no other can have an effect."""
     return {key: options[key] for key, rule in rules.items() if rule.outcome == READ}
 
 

@@ -205,6 +205,16 @@ def test_a_tie(tmp_path):
     assert moved == pytest.approx((0.02074459, -0.0004041438, -0.002264094), rel=0.01)
 
 
+def test_nodes_beyond_the_tolerance_of_a_tie_are_named(tmp_path):
+    """Manual of CalculiX, *TIE: nodes farther than POSITION TOLERANCE are not tied; here they are."""
+    pair = "*TIE, NAME=T, POSITION TOLERANCE={}\nUPPER_BOTTOM, LOWER_TOP\n"
+    for gap, said in ((0.05, False), (0.2, True)):
+        text = blocks("*CLOAD\nUPPER_Z1, 3, -0.1", gap=gap)
+        cut = text[text.index("*SURFACE INTERACTION") : text.index("*BOUNDARY")]
+        _, output = started(tmp_path, text.replace(cut, pair.format(0.1)), f"gap{said}.inp")
+        assert ("nodes up to 0.2 apart are tied, too" in output) == said
+
+
 @pytest.mark.filterwarnings("ignore:body LID .* which no contact resists")
 @needs("floating", "checks")
 def test_contact_alone_holds_a_lid(tmp_path, monkeypatch):

@@ -364,7 +364,8 @@ def test_parts_without_counterpart_are_named(tmp_path):
     for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
                   "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED: it keeps",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node",
+                  "FIXED: it keeps",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written
