@@ -80,9 +80,11 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     from hhr_dolfinx.plugins.decks.keywords import blocks_of
     from hhr_dolfinx.plugins.decks.named import NamedParts
     from hhr_dolfinx.plugins.decks.template import template
+    from hhr_dolfinx.registry import named
 
     if path.suffix.lower() == ".comm" and path.is_file():
-        beside = [path.with_suffix(ending) for ending in (".med", ".mmed", ".msh", ".unv", ".inp")]
+        endings = dict.fromkeys((".med", ".mmed", ".mail", ".msh", ".unv", ".inp", *named("readers")))
+        beside = [path.with_suffix(ending) for ending in endings]
         mesh = mesh or next((one for one in beside if one.is_file()), None)
         if mesh is None:
             raise FileContentError(f"{path} names no mesh: give its file, --mesh part.med")

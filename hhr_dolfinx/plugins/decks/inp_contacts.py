@@ -14,9 +14,7 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
-
-STRAIGHT = 1e-9
-"""Deviation over their extent up to which the points of a rigid surface lie in a plane."""
+from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 
 
 class Friction(NamedTuple):
@@ -24,10 +22,6 @@ class Friction(NamedTuple):
 
     coefficient: float = 0.0
     limit: float = math.inf
-
-
-Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""A point of a rigid plane, its unit normal, and the motion of its reference node, (dim,) each."""
 
 
 def pairs_of(
@@ -162,7 +156,7 @@ def _rigid(
             points = _points_of(found, owner)
         if "FILLET RADIUS" in block.options and sum(word in ("LINE", "CIRCL") for word in firsts) > 1:
             left.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
-        plane = _plane(np.array(points), sweep=profile or dim == 2)
+        plane = plane_through(np.array(points), sweep=profile or dim == 2)
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
             planes[name] = plane[0][:dim], plane[1][:dim], motion
@@ -188,13 +182,3 @@ def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
     numbers = {word for row in elements for word in row[1:]}
     nodes = [(block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers]
     return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]
-
-
-def _plane(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along z if they are swept; else nothing."""
-    if len(points) < 2:
-        return None
-    along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
-    spans = np.concatenate([points[1:] - points[0], [along, along]])
-    _, sizes, axes = np.linalg.svd(spans)
-    return (points[0], axes[2]) if sizes[1] > STRAIGHT * sizes[0] >= sizes[2] else None

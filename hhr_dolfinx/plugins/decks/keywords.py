@@ -36,7 +36,8 @@ class Keyword:
 
     Attributes:
         rule: outcome of the keyword itself. Options of one that is not read do not count.
-        options: rules by option, ``NAME``, or ``NAME=VALUE`` for a value alone; ``NAME=*`` are all other values.
+        options: rules by option, ``NAME``, or ``NAME=VALUE`` for a value alone; ``NAME=*`` are all other values, and
+            ``*`` all other options.
     """
 
     rule: Rule
@@ -47,32 +48,37 @@ class Keyword:
         for key in (f"{name}={value}", f"{name}=*", name):
             if key in self.options:
                 return self.options[key]
+        if "*" in self.options:
+            return self.options["*"]
         values = [key for key in self.options if key.startswith(f"{name}=")]
         return Rule(OUT if values else LEFT, "it is not read")
 
 
-def _read(read: str = "", idle: str = "") -> Keyword:
+def read_options(read: str = "", idle: str = "") -> Keyword:
     """Keyword that is read: options that are read, and those without effect, apart by ``|``, and others by name."""
     options = {name: Rule(READ) for name in filter(None, read.split("|"))}
     options |= {name: Rule(IDLE) for name in filter(None, idle.split("|"))}
     return Keyword(Rule(READ), options)
 
 
-def _with(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> Keyword:
+def with_options(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> Keyword:
+    """Keyword with further options of one outcome, by name with the sentences of their TODO lines."""
     return Keyword(keyword.rule, {**keyword.options, **{name: Rule(outcome, why) for name, why in options.items()}})
 
 
-def _left(keyword: Keyword, **options: str) -> Keyword:
+def left_options(keyword: Keyword, **options: str) -> Keyword:
     """The keyword with options that are TODO lines; ``_`` in a name stands for a blank."""
-    return _with(keyword, LEFT, {name.replace("_", " "): why for name, why in options.items()})
+    return with_options(keyword, LEFT, {name.replace("_", " "): why for name, why in options.items()})
 
 
-def _out(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
-    return _with(keyword, OUT, options)
+def out_options(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
+    """Keyword with options that leave its block out."""
+    return with_options(keyword, OUT, options)
 
 
-def _refused(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
-    return _with(keyword, REFUSED, options)
+def refused_options(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
+    """Keyword with options that are refused."""
+    return with_options(keyword, REFUSED, options)
 
 
 _FIRST_LINE = "values that depend on fields: those of the first line count"
@@ -84,54 +90,56 @@ _IMAGINARY = "no counterpart: loads here are real"
 _UNEQUAL = "write the deck with all nodes and elements, as a preprocessor does"
 _FIXED = "it keeps values of earlier steps, of a bolt its force and not its length"
 _OF_MATERIALS = {
-    "MATERIAL": _read("NAME", "DESCRIPTION|RTOL"),
-    "ELASTIC": _refused(
-        _left(_read("", "TYPE=ISO|TYPE=ISOTROPIC"), DEPENDENCIES=_FIRST_LINE, MODULI="moduli do not relax here"),
+    "MATERIAL": read_options("NAME", "DESCRIPTION|RTOL"),
+    "ELASTIC": refused_options(
+        left_options(
+            read_options("", "TYPE=ISO|TYPE=ISOTROPIC"), DEPENDENCIES=_FIRST_LINE, MODULI="moduli do not relax here"
+        ),
         {"TYPE=*": "E and nu are needed: give it these, and change the body to hhr.Orthotropic in the scene"},
     ),
-    "PLASTIC": _out(
-        _left(
-            _read("HARDENING=ISOTROPIC|HARDENING=KINEMATIC"),
+    "PLASTIC": out_options(
+        left_options(
+            read_options("HARDENING=ISOTROPIC|HARDENING=KINEMATIC"),
             **{"HARDENING=COMBINED": "it is read as isotropic: hhr.Chaboche has backstresses"},
             RATE="its curve counts at any rate: hhr.Perzyna depends on the rate",
             DEPENDENCIES=_FIRST_LINE,
         ),
         {"HARDENING=*": "its hardening is not read, and the body stays elastic: give it a law"},
     ),
-    "CREEP": _out(
-        _left(_read("", "LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
+    "CREEP": out_options(
+        left_options(read_options("", "LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
         {"LAW=*": "its law has no counterpart, and the body does not creep: give it a law in the scene"},
     ),
-    "EXPANSION": _out(
-        _left(
-            _read("", "TYPE=ISO|TYPE=ISOTROPIC|ZERO"),
+    "EXPANSION": out_options(
+        left_options(
+            read_options("", "TYPE=ISO|TYPE=ISOTROPIC|ZERO"),
             **{"TYPE=*": "its first number counts in all directions"},
             DEPENDENCIES=_FIRST_LINE,
         ),
         {"USER": _USER},
     ),
-    "DENSITY": _left(_read(), DEPENDENCIES=_FIRST_LINE),
+    "DENSITY": left_options(read_options(), DEPENDENCIES=_FIRST_LINE),
 }
 _OF_BODIES = {
-    "SOLID SECTION": _out(
-        _left(
-            _read("ELSET|MATERIAL", "ORIENTATION|CONTROLS|STACK DIRECTION|SYMMETRIC"),
+    "SOLID SECTION": out_options(
+        left_options(
+            read_options("ELSET|MATERIAL", "ORIENTATION|CONTROLS|STACK DIRECTION|SYMMETRIC"),
             REF_NODE="generalized plane strain has no counterpart: the thickness does not change",
             NODAL_THICKNESS="thicknesses of nodes are not read: give one for the section",
         ),
         {"COMPOSITE": "layers have no counterpart: give each layer cells and a section"},
     ),
-    "RIGID BODY": _left(
-        _read("ELSET|NSET|REF NODE|ROT NODE|ANALYTICAL SURFACE", "ISOTHERMAL|POSITION=INPUT"),
+    "RIGID BODY": left_options(
+        read_options("ELSET|NSET|REF NODE|ROT NODE|ANALYTICAL SURFACE", "ISOTHERMAL|POSITION=INPUT"),
         **{"POSITION=CENTER OF MASS": "its reference node stays at its place in the file"},
         PIN_NSET="its nodes do not follow the body: hhr.MeanMotion moves them",
         TIE_NSET="its nodes do not follow the body: hhr.RigidMotion moves them",
     ),
 }
 _OF_CONTACT = {
-    "CONTACT PAIR": _out(
-        _left(
-            _read(
+    "CONTACT PAIR": out_options(
+        left_options(
+            read_options(
                 "INTERACTION|CPSET",
                 "TYPE|SMALL SLIDING|EXTENSION ZONE|HCRIT|SMOOTH|NO THICKNESS|SUPPLEMENTARY CONSTRAINTS|TRACKING|"
                 "MINIMUM DISTANCE|DEVPATH",
@@ -142,13 +150,13 @@ _OF_CONTACT = {
         ),
         {"TIED": "it is tied: hhr.Tie(SLAVE, MASTER) in constraints"},
     ),
-    "SURFACE INTERACTION": _left(
-        _read("NAME", "UNSYMM"),
+    "SURFACE INTERACTION": left_options(
+        read_options("NAME", "UNSYMM"),
         PAD_THICKNESS="surfaces are those of the mesh: hhr.Opening(CONTACT, -THICKNESS) adds a pad",
         USER="a subroutine is not read: contact is hard and frictionless, see hhr.ContactLaw",
     ),
-    "SURFACE BEHAVIOR": _left(
-        _read("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
+    "SURFACE BEHAVIOR": left_options(
+        read_options("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
         **{
             "PRESSURE-OVERCLOSURE=*": "contact is hard here, surfaces do not overlap",
             "PRESSURE-OVERCLOSURE=TIED": "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
@@ -157,8 +165,8 @@ _OF_CONTACT = {
             "they do not slide either",
         },
     ),
-    "FRICTION": _left(
-        _read("TAUMAX", "LAGRANGE|SLIP TOLERANCE|ELASTIC SLIP|SHEAR TRACTION SLOPE"),
+    "FRICTION": left_options(
+        read_options("TAUMAX", "LAGRANGE|SLIP TOLERANCE|ELASTIC SLIP|SHEAR TRACTION SLOPE"),
         ROUGH="surfaces that stick at any pressure have no counterpart, and the pair has no friction here: give it a "
         "large friction=, or hhr.Tie(SLAVE, MASTER) if it does not open",
         EXPONENTIAL_DECAY="friction does not depend on the speed: its first number, that at rest, counts",
@@ -167,40 +175,42 @@ _OF_CONTACT = {
         DEPENDENCIES=_FIRST_LINE,
         USER="a subroutine is not read, and the pair has no friction here: give it friction= or a law",
     ),
-    "CLEARANCE": _out(
-        _read("MASTER|SLAVE|VALUE|CPSET"),
+    "CLEARANCE": out_options(
+        read_options("MASTER|SLAVE|VALUE|CPSET"),
         {"TABULAR": "clearances of single nodes are not read: hhr.Opening(CONTACT, VALUE, overwrites=True) has one"},
     ),
 }
 _OF_CONSTRAINTS = {
-    "EQUATION": _out(_read(), {"REMOVE": "no counterpart: all equations hold"}),
-    "MPC": _out(_read("", "MODE"), {"USER": _USER}),
-    "TIE": _out(
-        _read("NAME|CYCLIC SYMMETRY|POSITION TOLERANCE", "ADJUST|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO"),
+    "EQUATION": out_options(read_options(), {"REMOVE": "no counterpart: all equations hold"}),
+    "MPC": out_options(read_options("", "MODE"), {"USER": _USER}),
+    "TIE": out_options(
+        read_options(
+            "NAME|CYCLIC SYMMETRY|POSITION TOLERANCE", "ADJUST|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO"
+        ),
         dict.fromkeys(("MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"), "no counterpart: two surfaces are tied"),
     ),
-    "CYCLIC SYMMETRY MODEL": _read("N|TIE", "NGRAPH|CHECK|ELSET"),
-    "COUPLING": _left(
-        _read("REF NODE|SURFACE|ORIENTATION", "CONSTRAINT NAME"),
+    "CYCLIC SYMMETRY MODEL": read_options("N|TIE", "NGRAPH|CHECK|ELSET"),
+    "COUPLING": left_options(
+        read_options("REF NODE|SURFACE|ORIENTATION", "CONSTRAINT NAME"),
         INFLUENCE_RADIUS="all nodes of its surface are coupled: name a smaller one",
     ),
-    "KINEMATIC": _read(),
-    "DISTRIBUTING": _left(
-        _read("CYCLIC SYMMETRY"),
+    "KINEMATIC": read_options(),
+    "DISTRIBUTING": left_options(
+        read_options("CYCLIC SYMMETRY"),
         WEIGHTING_METHOD="nodes count by their areas",
         COUPLING="mean rotations are those of the best fit",
     ),
-    "DISTRIBUTING COUPLING": _read("ELSET"),
-    "PRE-TENSION SECTION": _out(
-        _read("SURFACE|NODE"),
+    "DISTRIBUTING COUPLING": read_options("ELSET"),
+    "PRE-TENSION SECTION": out_options(
+        read_options("SURFACE|NODE"),
         {"ELEMENT": "no counterpart: pretension of a beam. Give the bolt cells, and SURFACE= a section of them"},
     ),
-    "TRANSFORM": _out(_read("NSET|TYPE=R|TYPE=C"), {"TYPE=*": "no counterpart: spherical axes"}),
+    "TRANSFORM": out_options(read_options("NSET|TYPE=R|TYPE=C"), {"TYPE=*": "no counterpart: spherical axes"}),
 }
 _OF_LOADS = {
-    "BOUNDARY": _out(
-        _left(
-            _read("OP=NEW|OP=MOD|AMPLITUDE", "TYPE=DISPLACEMENT|REGION TYPE"),
+    "BOUNDARY": out_options(
+        left_options(
+            read_options("OP=NEW|OP=MOD|AMPLITUDE", "TYPE=DISPLACEMENT|REGION TYPE"),
             LOAD_CASE=_IMAGINARY,
             TIME_DELAY=_DELAY,
         ),
@@ -210,9 +220,9 @@ _OF_LOADS = {
             "TYPE=*": "velocities and accelerations have no counterpart: impose displacements",
         },
     ),
-    "CLOAD": _out(
-        _left(
-            _read("OP=NEW|OP=MOD|AMPLITUDE", "REAL|REGION TYPE|FOLLOWER=NO"),
+    "CLOAD": out_options(
+        left_options(
+            read_options("OP=NEW|OP=MOD|AMPLITUDE", "REAL|REGION TYPE|FOLLOWER=NO"),
             FOLLOWER="forces keep their directions",
             LOAD_CASE=_IMAGINARY,
             TIME_DELAY=_DELAY,
@@ -220,21 +230,21 @@ _OF_LOADS = {
         ),
         {"USER": _USER, "SUBMODEL": _SUBMODEL, "IMAGINARY": _IMAGINARY},
     ),
-    "DLOAD": _out(
-        _left(
-            _read("OP=NEW|OP=MOD|AMPLITUDE", "REAL|REGION TYPE|FOLLOWER"),
+    "DLOAD": out_options(
+        left_options(
+            read_options("OP=NEW|OP=MOD|AMPLITUDE", "REAL|REGION TYPE|FOLLOWER"),
             LOAD_CASE=_IMAGINARY,
             TIME_DELAY=_DELAY,
             SECTOR="it acts on all sectors",
         ),
         {"USER": _USER, "IMAGINARY": _IMAGINARY},
     ),
-    "TEMPERATURE": _out(
-        _left(_read("OP=NEW|OP=MOD|AMPLITUDE"), TIME_DELAY=_DELAY),
+    "TEMPERATURE": out_options(
+        left_options(read_options("OP=NEW|OP=MOD|AMPLITUDE"), TIME_DELAY=_DELAY),
         {"USER": _USER, "SUBMODEL": _SUBMODEL, "FILE": "temperatures of another analysis are not read: list them"},
     ),
-    "INITIAL CONDITIONS": _out(
-        _read("TYPE=TEMPERATURE"),
+    "INITIAL CONDITIONS": out_options(
+        read_options("TYPE=TEMPERATURE"),
         {
             "TYPE=*": "bodies begin without stress, strain and motion: give hhr.Body a stress= for one",
             "TYPE=CONTACT": "contacts that touch are bonded by no word here",
@@ -243,31 +253,31 @@ _OF_LOADS = {
         },
     ),
 }
-_OF_LOADS["BOUNDARY"] = _with(_OF_LOADS["BOUNDARY"], READ, {"FIXED": _FIXED})
-_OF_LOADS["DSLOAD"] = _out(
-    _left(_OF_LOADS["DLOAD"], CONSTANT_RESULTANT="tractions are per area of the mesh"),
+_OF_LOADS["BOUNDARY"] = with_options(_OF_LOADS["BOUNDARY"], READ, {"FIXED": _FIXED})
+_OF_LOADS["DSLOAD"] = out_options(
+    left_options(_OF_LOADS["DLOAD"], CONSTANT_RESULTANT="tractions are per area of the mesh"),
     {"ORIENTATION": "tractions in local axes are not read: give hhr.Traction a direction of the mesh"},
 )
 _OF_STEPS = {
-    "STEP": _left(
-        _read(
+    "STEP": left_options(
+        read_options(
             "AMPLITUDE=STEP|AMPLITUDE=RAMP|PERTURBATION",
             "NAME|INC|INCF|UNSYMM|CONVERT SDI|EXTRAPOLATION|NLGEOM=NO|SOLVER|NO FLUID",
         ),
         NLGEOM="large displacements: strains and rotations are small here",
     ),
-    "STATIC": _left(
-        _read("", "DIRECT|SOLVER|FULLY PLASTIC|LONG TERM|ALLSDTOL|CONTINUE=NO|ADIABATIC=NO"),
+    "STATIC": left_options(
+        read_options("", "DIRECT|SOLVER|FULLY PLASTIC|LONG TERM|ALLSDTOL|CONTINUE=NO|ADIABATIC=NO"),
         STABILIZE=_STABLE,
         FACTOR=_STABLE,
         RIKS="loads reach the values of the file: no path is followed beyond a limit load",
         TIME_RESET="the time of all steps goes on",
         TOTAL_TIME_AT_START="the time of all steps begins at 0",
     ),
-    "VISCO": _left(_read("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE),
-    "AMPLITUDE": _refused(
-        _left(
-            _read("NAME|TIME=TOTAL TIME|TIME=STEP TIME|TIME DELAY", "DEFINITION=TABULAR|VALUE=RELATIVE"),
+    "VISCO": left_options(read_options("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE),
+    "AMPLITUDE": refused_options(
+        left_options(
+            read_options("NAME|TIME=TOTAL TIME|TIME=STEP TIME|TIME DELAY", "DEFINITION=TABULAR|VALUE=RELATIVE"),
             SMOOTH="corners of the curve stay sharp",
             **{"TIME=*": "no counterpart: times are those of the step or of all steps"},
         ),
@@ -278,19 +288,21 @@ _OF_STEPS = {
     ),
 }
 _OF_MESHES = {
-    "NODE": _read("NSET|SYSTEM"),
-    "ELEMENT": _read("TYPE|ELSET"),
-    "NSET": _read("NSET|ELSET|GENERATE|UNSORTED|INSTANCE", "INTERNAL"),
-    "ELSET": _read("ELSET|GENERATE|INSTANCE", "INTERNAL|UNSORTED"),
-    "SURFACE": _left(
-        _read("NAME|TYPE|COMBINE|FILLET RADIUS", "INTERNAL|TRIM|NO OFFSET|NO THICK"),
+    "NODE": read_options("NSET|SYSTEM"),
+    "ELEMENT": read_options("TYPE|ELSET"),
+    "NSET": read_options("NSET|ELSET|GENERATE|UNSORTED|INSTANCE", "INTERNAL"),
+    "ELSET": read_options("ELSET|GENERATE|INSTANCE", "INTERNAL|UNSORTED"),
+    "SURFACE": left_options(
+        read_options("NAME|TYPE|COMBINE|FILLET RADIUS", "INTERNAL|TRIM|NO OFFSET|NO THICK"),
         CROP="the surface is whole",
     ),
-    "NGEN": _refused(_read("NSET|LINE=C", "SYSTEM=RC"), dict.fromkeys(("LINE=*", "SYSTEM=*"), _UNEQUAL)),
-    "NFILL": _refused(_read("NSET"), dict.fromkeys(("BIAS", "SINGULAR", "TWO STEP"), _UNEQUAL)),
-    "ELGEN": _read("ELSET"),
-    "PART": _read("NAME"),
-    "INSTANCE": _refused(_read("NAME|PART"), {"LIBRARY": "write the mesh of the other analysis as a part"}),
+    "NGEN": refused_options(read_options("NSET|LINE=C", "SYSTEM=RC"), dict.fromkeys(("LINE=*", "SYSTEM=*"), _UNEQUAL)),
+    "NFILL": refused_options(read_options("NSET"), dict.fromkeys(("BIAS", "SINGULAR", "TWO STEP"), _UNEQUAL)),
+    "ELGEN": read_options("ELSET"),
+    "PART": read_options("NAME"),
+    "INSTANCE": refused_options(
+        read_options("NAME|PART"), {"LIBRARY": "write the mesh of the other analysis as a part"}
+    ),
 }
 _NO_EFFECT = (
     "HEADING|END PART|ASSEMBLY|END ASSEMBLY|END INSTANCE|PREPRINT|END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|"
@@ -366,21 +378,17 @@ def readable(options: Mapping[str, str], rules: Mapping[str, Rule], keyword: str
     return {key: options[key] for key, rule in rules.items() if rule.outcome == READ}
 
 
-def rows_of_docs() -> Iterator[str]:
-    """Rows of the table of keywords and options in Markdown."""
+def rows_of_docs(table: Mapping[str, Keyword] = TABLE, mark: str = "*") -> Iterator[str]:
+    """Rows of a table of keywords and options in Markdown; ``mark`` stands before keywords."""
     yield "| keyword | options that are read | without effect | TODO line | refused |"
     yield "|---|---|---|---|---|"
-    by_rule: dict[tuple[str, ...], list[str]] = {}
-    for name, keyword in TABLE.items():
+    by_cells: dict[tuple[str, ...], list[str]] = {}
+    for name, keyword in table.items():
         outcome = keyword.rule.outcome
-        cells = ("",) * 4
+        cells = ("", "all", "", "") if outcome == IDLE else ("", "", f"all: {keyword.rule.why}", "")
         if outcome == READ:
             groups = [[key for key, rule in keyword.options.items() if rule.outcome in of] for of in _COLUMNS]
-            cells = tuple(", ".join(f"`{key}`" for key in keys) for keys in groups)
-        elif outcome == IDLE:
-            cells = ("", "all", "", "")
-        else:
-            cells = ("", "", f"all: {keyword.rule.why.removeprefix('no counterpart: ')}", "")
-        by_rule.setdefault(cells if outcome != READ else (name, *cells), []).append(name)
-    for cells, names in by_rule.items():
-        yield f"| {', '.join(f'`*{name}`' for name in names)} | {' | '.join(cells[-4:])} |"
+            cells = (name, *(", ".join(f"`{key}`" for key in keys) for keys in groups))
+        by_cells.setdefault(cells, []).append(name)
+    for cells, names in by_cells.items():
+        yield f"| {', '.join(f'`{mark}{name}`' for name in names)} | {' | '.join(cells[-4:])} |"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from deck_texts import bar, blocks
+from recorded import Recorded
 
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.geometries import abaqus_deck
@@ -20,15 +21,17 @@ CREEP = "*CREEP\n1e-6, 3., 0.\n"
 PILOT = "*NODE\n901, 5., 0.2, 0.9\n903, 0., 0., 2.\n904, 0., 1., 0.\n*SURFACE, NAME=HEAD\n4, S4\n"
 TOUCH = "*CONTACT PAIR, INTERACTION=TOUCH"
 PART = (
-    "*PART, NAME=CUBE\n*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 1., 1., 0.\n4, 0., 1., 0.\n5, 0., 0., 1.\n6, 1., 0., 1.\n"
-    "7, 1., 1., 1.\n8, 0., 1., 1.\n*ELEMENT, TYPE=C3D8, ELSET=CELLS\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*NSET, NSET=FOOT\n1, 2, 3, 4\n"
-    "*SOLID SECTION, ELSET=CELLS, MATERIAL=M\n*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=CUBE\n*END INSTANCE\n"
-    "*NSET, NSET=ONE, INSTANCE=I\n1\n*ELSET, ELSET=CELL, INSTANCE=I\n1\n*END ASSEMBLY\n*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n"
+    "*PART, NAME=CUBE\n*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 1., 1., 0.\n4, 0., 1., 0.\n5, 0., 0., 1.\n"
+    "6, 1., 0., 1.\n7, 1., 1., 1.\n8, 0., 1., 1.\n*ELEMENT, TYPE=C3D8, ELSET=CELLS\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
+    "*NSET, NSET=FOOT\n1, 2, 3, 4\n*SOLID SECTION, ELSET=CELLS, MATERIAL=M\n*END PART\n*ASSEMBLY, NAME=A\n"
+    "*INSTANCE, NAME=I, PART=CUBE\n*END INSTANCE\n*NSET, NSET=ONE, INSTANCE=I\n1\n*ELSET, ELSET=CELL, INSTANCE=I\n1\n"
+    "*END ASSEMBLY\n*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n"
     "*BOUNDARY\nI.FOOT, 1, 3\n*STEP\n*STATIC\n*CLOAD\nI.8, 1, 1.\n*END STEP\n"
 )
 GENERATED = (
     "*NODE\n1, 0., 0.\n3, 2., 0.\n11, 0., 1.\n13, 2., 1.\n*NGEN, NSET=LOW\n1, 3, 1\n*NGEN, NSET=HIGH\n11, 13, 1\n"
-    "*NFILL, NSET=ALL\nLOW, HIGH, 1, 10\n*ELEMENT, TYPE=CPE4, ELSET=FIRST\n1, 1, 2, 12, 11\n*ELGEN, ELSET=BODY\n1, 2, 1, 1\n"
+    "*NFILL, NSET=ALL\nLOW, HIGH, 1, 10\n*ELEMENT, TYPE=CPE4, ELSET=FIRST\n1, 1, 2, 12, 11\n"
+    "*ELGEN, ELSET=BODY\n1, 2, 1, 1\n"
     "*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*BOUNDARY\nLOW, 1, 2\n"
     "*STEP\n*STATIC\n*CLOAD\nHIGH, 1, 1.\n*END STEP\n"
 )
@@ -85,8 +88,9 @@ EXAMPLES = {
     "TRANSFORM": before_step("*TRANSFORM, NSET=BAR_Y0, TYPE=R\n1., 1., 0., -1., 1., 0.\n"),
 }
 VALUES = {  # samples of options with a value that a deck must have
-    "AMPLITUDE": "A", "CPSET": "SET", "TAUMAX": "5.", "ELSET": "BAR", "NSET": "BAR_X0", "ROT NODE": "901", "SYSTEM": "R",
-    "ANALYTICAL SURFACE": "HEAD", "POSITION TOLERANCE": "0.1", "ORIENTATION": "AXES", "TIME DELAY": "0.1", "INSTANCE": "I", "COMBINE": "UNION", "TYPE": "",
+    "AMPLITUDE": "A", "CPSET": "SET", "TAUMAX": "5.", "ELSET": "BAR", "NSET": "BAR_X0", "ROT NODE": "901",
+    "SYSTEM": "R", "ANALYTICAL SURFACE": "HEAD", "POSITION TOLERANCE": "0.1", "ORIENTATION": "AXES",
+    "TIME DELAY": "0.1", "INSTANCE": "I", "COMBINE": "UNION", "TYPE": "",
 }  # fmt: skip
 NEXT = "*END STEP\n*STEP\n*STATIC\n"
 CURVE = "*AMPLITUDE, NAME=A\n0., 0., 2., 2.\n"
@@ -142,26 +146,6 @@ def with_option(keyword, option):
         lines.insert(0, CURVE.rstrip())
         number += len(CURVE.splitlines())
     return "\n".join(lines) + "\n", number + 1
-
-
-class Recorded(dict):
-    """Options that note the names that are looked up."""
-
-    def __init__(self, options, keyword, asked):
-        super().__init__(options)
-        self.keyword, self.asked = keyword, asked
-
-    def __getitem__(self, name):
-        self.asked.add((self.keyword, name))
-        return super().__getitem__(name)
-
-    def get(self, name, default=None):
-        self.asked.add((self.keyword, name))
-        return super().get(name, default)
-
-    def __contains__(self, name):
-        self.asked.add((self.keyword, name))
-        return super().__contains__(name)
 
 
 ROWS = [(name, option, rule) for name, one in TABLE.items() for option, rule in one.options.items()]

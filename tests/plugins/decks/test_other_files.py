@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from deck_texts import bar, blocks
+from needs import needs
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -60,6 +61,60 @@ def test_a_command_file(load, name, pressure, tmp_path):
     assert "run.comm:13" in (tmp_path / "run.py").read_text()
 
 
+RIGID_LINE = """
+MA = LIRE_MAILLAGE(FORMAT='ASTER')
+MO = AFFE_MODELE(MAILLAGE=MA, AFFE=_F(TOUT='OUI', PHENOMENE='MECANIQUE', MODELISATION='D_PLAN'))
+CHMAT = AFFE_MATERIAU(MAILLAGE=MA, AFFE=_F(TOUT='OUI', MATER=DEFI_MATERIAU(ELAS=_F(E=1000.0, NU=0.0))))
+LOAD = AFFE_CHAR_MECA(MODELE=MO, DDL_IMPO=(_F(GROUP_MA='BASE', DX=0.0, DY={moved}), _F(GROUP_MA='LEFT', DX=0.0)),
+                      PRES_REP=_F(GROUP_MA='TOP', PRES=10.0))
+TOUCH = DEFI_CONTACT(MODELE=MO, FROTTEMENT='COULOMB', ZONE=_F(GROUP_MA_MAIT='BASE', GROUP_MA_ESCL='FOOT', COULOMB=0.2))
+"""
+LINES = """COOR_2D
+N1 0. 0. N2 1. 0. N3 1. 1. N4 0. 1. B1 -1. -0.1 B2 0.5 {y} B3 2. -0.1
+FINSF
+QUAD4
+M1 N1 N2 N3 N4
+FINSF
+SEG2
+F N1 N2 T N3 N4 L N4 N1 A1 B1 B2 A2 B2 B3
+FINSF
+GROUP_MA FOOT F FINSF
+GROUP_MA TOP T FINSF
+GROUP_MA LEFT L FINSF
+GROUP_MA BASE A1 A2 FINSF
+FIN
+"""
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("moved", [0.0, 0.05])
+def test_a_rigid_line_without_cells_is_an_obstacle(moved, tmp_path):
+    """A square falls by 0.1 less the motion of the line, and is shortened by p / E: the line bears p.
+
+    SSNV128 of code_aster has such a line, and a mesh of the same name beside its command file.
+    """
+    (tmp_path / "run.mail").write_text(LINES.replace("{y}", "-0.1"))
+    (tmp_path / "run.comm").write_text(RIGID_LINE.replace("{moved}", str(moved)))
+    code, output = invoke("start", tmp_path / "run.comm")
+    assert code == 0 and "TODO" not in output, output
+    scene = scene_of(str(tmp_path / "run.py"))
+    assert isinstance(scene.contacts[0], hhr.Obstacle) and scene.contacts[0].friction == 0.2
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve(scene.parameters.middle)
+    assert full.pressures(answer).sum() == pytest.approx(10.0, rel=1e-9)
+    assert answer.displacement().reshape(-1, 2)[:, 1].min() == pytest.approx(-(0.1 - moved) - 0.01, rel=1e-9)
+
+
+@needs("mesh_formats")
+def test_a_curved_rigid_line_ends_in_a_sentence(tmp_path):
+    """Its scene would have no contact: the command says so, and its exit code too."""
+    (tmp_path / "run.mail").write_text(LINES.replace("{y}", "-0.3"))
+    (tmp_path / "run.comm").write_text(RIGID_LINE.replace("{moved}", "0.0"))
+    code, output = invoke("start", tmp_path / "run.comm")
+    assert code == 3 and "'BASE': it is curved, and has no cells: hhr.Profile" in output
+    assert "run.comm states contact, and" in output
+
+
 def test_nothing_of_a_command_file_is_executed(tmp_path):
     mark = tmp_path / "executed"
     more = f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nfor k in range(3):\n    MACR(K=k)\nOTHER(A=1)"
@@ -67,7 +122,7 @@ def test_nothing_of_a_command_file_is_executed(tmp_path):
     load += ', FORCE_FACE=_F(GROUP_MA="X", FX=E())'
     code, output, _ = started(tmp_path, load, more)
     assert code == 0 and not mark.exists()
-    for words in ("For: not read", "OTHER: not read", "LIAISON_DDL of 'A' has no counterpart",
+    for words in ("For: not read", "OTHER: not read", "LIAISON_DDL: no counterpart: hhr.Equation",
                   "FX of FORCE_FACE is not literal"):  # fmt: skip
         assert words in output
 
