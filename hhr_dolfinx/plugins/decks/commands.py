@@ -74,7 +74,7 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
-    from hhr_dolfinx.plugins.decks.inp import read_inp
+    from hhr_dolfinx.plugins.decks.inp import hypothesis_of, read_inp
     from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
     from hhr_dolfinx.plugins.decks.inp_steps import of_kind
     from hhr_dolfinx.plugins.decks.keywords import blocks_of
@@ -94,8 +94,10 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
     kept, left = blocks_of(path) if deck else ([], [])
     physics = of_kind(kept, "SOLID SECTION", "STEP")
-    made = read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left) if physics else template(path, parts)
-    return _without_folds(made, parts.raw)
+    if physics:
+        return _without_folds(read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw)
+    made = template(path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid")
+    return _without_folds(replace(made, left=(*made.left, *left)), parts.raw)
 
 
 def _without_folds(deck: Deck, raw: RawMesh) -> Deck:

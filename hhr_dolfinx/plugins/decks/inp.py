@@ -44,7 +44,7 @@ def read_inp(
     left = [*unread, *_perturbed(found)]
     whole = parts
     cuts, parts = sections_of(found, parts, nodes, left)
-    hypothesis = _hypothesis(found, parts, left)
+    hypothesis = hypothesis_of(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
@@ -172,7 +172,7 @@ def _out_of_reach(
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
-def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
+def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
     """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"

@@ -16,6 +16,7 @@ from hhr_dolfinx.geometries.cells import outer_faces
 from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.named import FLAT, NamedParts
+from hhr_dolfinx.plugins.decks.stated import stated_in
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
 COVERED = 0.25
@@ -26,14 +27,23 @@ STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
 SOFT = 1e-7
 """Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends bears far less."""
+PROPOSED = "a proposal for lengths in mm: replace it by your own"
+STATED = (
+    "a proposal for lengths in mm, which is not that of the file: replace it by what the file states in these lines"
+)
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)
 """Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
 
 
-def template(path: Path, given: NamedParts) -> Deck:
+def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck:
     """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left.
+
+    Args:
+        path: the mesh file. What it states beside its mesh is left, line by line.
+        given: its contents.
+        plane: hypothesis of a mesh in the plane.
 
     Raises:
         FileContentError: for a mesh of shells.
@@ -48,9 +58,10 @@ def template(path: Path, given: NamedParts) -> Deck:
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
-    left = [Left(source, "materials, support and pressure", "a proposal for lengths in mm: replace it by your own")]
+    stated = stated_in(path)
+    left = [Left(source, "materials, support and pressure", STATED if stated else PROPOSED), *stated]
     bolts = dict(_bolts(parts, source))
-    deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
+    deck = Deck(path, "solid" if dim == 3 else plane, sections, constraints=(*bolts.values(),), cuts=(*bolts,))
     supports, loads, planes = _by_names(parts, source, left)
     parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from deck_runs import by_calculix, end, solved, started
+from deck_runs import by_calculix, end, moved_by_calculix, solved, started
 from deck_texts import STEEL, bar, block_lines, blocks
 from mpi4py import MPI
 from needs import needs
@@ -15,6 +15,12 @@ from shell import invoke
 import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
+
+
+def as_calculix(folder, text, moved):
+    """CalculiX moves the end of a bar as far, to its seven digits."""
+    found = moved_by_calculix(folder, text, "BAR_X1", 5)
+    assert found is None or found[0] == pytest.approx(moved, rel=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -35,8 +41,14 @@ from hhr_dolfinx.geometries import two_blocks
      ("*DLOAD\nBAR, BX, 10.", "", 0.0, ("body_force", 8, 12), 0.08)],
 )  # fmt: skip
 def test_a_bar(step, more, poisson, box, moved, tmp_path):
-    """u = p L / E, alpha T L, rho g L^2 / 2 E, rho w^2 L^3 / 3 E."""
-    scene, _ = started(tmp_path, bar(step, more, poisson))
+    """u = p L / E, alpha T L, rho g L^2 / 2 E, rho w^2 L^3 / 3 E, and CalculiX where it has the words.
+
+    It has no XSYMM and BX, and asks for *INITIAL CONDITIONS, without which bodies begin at 0 by the manual of Abaqus.
+    """
+    text = bar(step, more, poisson)
+    scene, _ = started(tmp_path, text)
+    if "SYMM" not in step and "BX" not in step and ("TEMP" not in step or "INITIAL" in more):
+        as_calculix(tmp_path, text, moved)
     space = scene.parameters
     assert (space.names, *space.lower, *space.upper) == ((box[0],), *(pytest.approx(value) for value in box[1:]))
     assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
@@ -63,9 +75,13 @@ def test_a_bar_that_flows(more, seconds, moved, tmp_path):
 
 @pytest.mark.parametrize(("time", "share"), [("", 0.5), (", TIME=TOTAL TIME", 1.0)])
 def test_steps_and_amplitudes(time, share, tmp_path):
-    """Of the last step: the amplitude at its end, and what the first step put on and OP=NEW did not take off."""
+    """Of the last step: the amplitude at its end, and what the first step put on and OP=NEW did not take off.
+
+    CalculiX owns the meaning.
+    """
     step = (f"*CLOAD\nBAR_X1, 2, 1.\n*DLOAD\n4, P4, -10.\n*END STEP\n*AMPLITUDE, NAME=RISE{time}\n0., 0., 2., 1.\n"
             "*STEP\n*STATIC\n0.1, 1.\n*CLOAD, OP=NEW, AMPLITUDE=RISE\nBAR_X1, 1, 2.")  # fmt: skip
+    as_calculix(tmp_path, bar(step), 0.004 * (10 + 4 * 2 * share))
     scene, _ = started(tmp_path, bar(step))
     assert scene.parameters.names == ("pressure", "force")
     assert end(*solved(scene))[0] == pytest.approx(0.004 * (10 + 4 * 2 * share), rel=1e-9)
@@ -85,6 +101,7 @@ def test_steps_and_amplitudes(time, share, tmp_path):
 def test_repeated_rows(rows, moved, tmp_path):
     """Loads of one step add up, later steps replace them, of supports the last one holds: as in CalculiX 2.20."""
     more = "*DENSITY\n2.\n" if "GRAV" in rows else ""
+    as_calculix(tmp_path, bar(rows, more, 0.0 if more else 0.3), moved)
     scene, _ = started(tmp_path, bar(rows, more, 0.0 if more else 0.3))
     assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
 
@@ -128,15 +145,25 @@ def test_a_clearance_overwrites_the_drawn_gap(drawn, value, moved, pressure, tmp
     assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(pressure, rel=1e-3)  # of its penalty
 
 
-def test_friction(tmp_path):
-    """Pressed by .01 and drawn by .02 along x: mu N = .25 of the normal force, which is E .01 / 2."""
+@pytest.mark.parametrize(
+    ("words", "limit"), [("*FRICTION\n0.25, 1e6", None), ("*FRICTION, TAUMAX=0.5\n0.25, 1e6", 0.5)]
+)
+def test_friction(words, limit, tmp_path):
+    """Pressed by .01 and drawn by .02 along x: mu N = .25 of the normal force, which is E .01 / 2, also in CalculiX.
+
+    With TAUMAX, of Abaqus alone, its manual has min(mu p, TAUMAX), which is .5 on an area of 1.
+    """
     step = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.01\nUPPER_Z1, 1, 1, 0.02"
-    scene, _ = started(tmp_path, blocks(step, interaction="*FRICTION\n0.25, 1e6").replace("\nUPPER_X0, 1\n", "\n"))
+    text = blocks(step, interaction=f"{STIFF}\n{words}", kind="SURFACE TO SURFACE").replace("\nUPPER_X0, 1\n", "\n")
+    scene, _ = started(tmp_path, text)
     outputs = (hhr.ContactForce("normal", 0, (0.0, 0.0, 1.0)), hhr.FrictionForce("friction", 0, (1.0, 0.0, 0.0)))
     found = solved(dataclasses.replace(scene, outputs=outputs))[1].outputs()
     assert scene.parameters.upper == pytest.approx((0.024,)) or len(scene.parameters.names) == 1
-    assert found["friction"] == pytest.approx(-0.25 * found["normal"], rel=1e-9)
+    assert found["friction"] == pytest.approx(-(limit or 0.25 * found["normal"]), rel=1e-9)
     assert 4.0 < found["normal"] < 6.0
+    if limit is None:
+        reactions = by_calculix(tmp_path, text, "LOWER_Z0")
+        assert abs(reactions[0]) == pytest.approx(0.25 * reactions[2], rel=1e-3)  # of its penalty
 
 
 def test_a_rigid_plane_that_moves(tmp_path):

@@ -163,3 +163,62 @@ def test_a_mesh_that_does_not_say_what_touches(tmp_path):
     assert code == 0 and "TODO part.inp contact: no surfaces of two bodies face each other" in output
     code, output = invoke("check", tmp_path / "part.py", "--picture", tmp_path / "part.png")
     assert code == 0 and "mistake" not in output, output
+
+
+STATED = {
+    "part.feb": (
+        """<febio_spec version="4.0"><Material>
+<material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
+<Mesh><Nodes>{nodes}</Nodes><Elements type="hex8" name="Part1"><elem id="1">1,2,3,4,5,6,7,8</elem></Elements></Mesh>
+<Boundary>
+<bc name="Lid" node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.05</value></bc></Boundary>
+<Contact>
+<contact name="C" type="sliding-elastic"><fric_coeff>0</fric_coeff></contact></Contact></febio_spec>""",
+        '<node id="{}">{},{},{}</node>',
+        ["part.feb:2 <material", "part.feb:5 <bc", "part.feb:7 <contact"],
+    ),
+    "part.k": (
+        "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n"
+        "*BOUNDARY_SPC_SET\n1,0,1,1,1\n*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n",
+        "{},{},{},{}\n",
+        ["part.k:2 *MAT_ELASTIC", "*BOUNDARY_SPC_SET", "*CONTACT_AUTOMATIC"],
+    ),
+    "part.mdpa": (
+        "Begin Properties 1\nYOUNG_MODULUS 1000.0\nEnd Properties\nBegin Nodes\n{nodes}\nEnd Nodes\n"
+        "Begin Elements SmallDisplacementElement3D8N\n1 1 1 2 3 4 5 6 7 8\nEnd Elements\n"
+        "Begin NodalData DISPLACEMENT_Z\n5 1 -0.05\nEnd NodalData\n",
+        "{} {} {} {}\n",
+        ["part.mdpa:2 YOUNG_MODULUS 1000.0", "NodalData DISPLACEMENT_Z"],
+    ),
+    "part.bdf": (
+        "BEGIN BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\nSPC1,1,123,1\nENDDATA\n",
+        "GRID,{},,{},{},{}\n",
+        ["part.bdf:2 MAT1", "SPC1"],
+    ),
+}
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("name", STATED)
+def test_physics_of_other_files_is_named_line_by_line(name, tmp_path):
+    """What a file states is not silently replaced by steel; the formats are those of their manuals."""
+    text, node, wanted = STATED[name]
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))
+    nodes = "".join(node.format(4 * z + k, x, y, z) for z in (0, 1) for k, (x, y) in enumerate(square, 1))
+    (tmp_path / name).write_text(text.replace("{nodes}", nodes.rstrip()))
+    code, output = invoke("start", tmp_path / name)
+    assert code == 0 and "which is not that of the file" in output, output
+    for words in wanted:
+        assert words in output and "the file states" in output
+    assert output.count(f"TODO {name}:") == len(wanted)
+
+
+@pytest.mark.parametrize(
+    ("kind", "hypothesis"), [("CAX4", "axisymmetric"), ("CPS4", "plane_stress"), ("CPE4", "plane_strain")]
+)
+def test_the_hypothesis_of_a_mesh_is_that_of_its_elements(kind, hypothesis, tmp_path):
+    """Manuals of CalculiX and Abaqus: CAX is axisymmetric, CPS plane stress, whether or not a material is there."""
+    nodes = "*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n"
+    (tmp_path / "part.inp").write_text(f"{nodes}*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n")
+    code, output = invoke("start", tmp_path / "part.inp")
+    assert code == 0 and scene_of(str(tmp_path / "part.py")).hypothesis == hypothesis, output
