@@ -74,6 +74,7 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
+    from hhr_dolfinx.plugins.decks.feb import read_febio
     from hhr_dolfinx.plugins.decks.inp import hypothesis_of, read_inp
     from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
     from hhr_dolfinx.plugins.decks.inp_steps import of_kind
@@ -96,6 +97,8 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     physics = of_kind(kept, "SOLID SECTION", "STEP")
     if physics:
         return _without_folds(read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw)
+    if path.suffix.lower() == ".feb" and (made := read_febio(path, parts)) is not None:
+        return _without_folds(made, parts.raw)
     made = template(path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid")
     return _without_folds(replace(made, left=(*made.left, *left)), parts.raw)
 

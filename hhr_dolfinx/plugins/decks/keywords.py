@@ -385,7 +385,7 @@ def rows_of_docs(table: Mapping[str, Keyword] = TABLE, mark: str = "*") -> Itera
     by_cells: dict[tuple[str, ...], list[str]] = {}
     for name, keyword in table.items():
         outcome = keyword.rule.outcome
-        cells = ("", "all", "", "") if outcome == IDLE else ("", "", f"all: {keyword.rule.why}", "")
+        cells: tuple[str, ...] = ("", "all", "", "") if outcome == IDLE else ("", "", f"all: {keyword.rule.why}", "")
         if outcome == READ:
             groups = [[key for key, rule in keyword.options.items() if rule.outcome in of] for of in _COLUMNS]
             cells = (name, *(", ".join(f"`{key}`" for key in keys) for keys in groups))

@@ -19,7 +19,7 @@ CONTACT = "the file states contact: name its pair and its friction= in contacts"
 CONSTRAINT = "the file states a constraint: hhr.Tie, hhr.Equation or hhr.RigidMotion in constraints"
 STEP = "the file states steps: hhr.Leg in a hhr.PathFamily"
 OTHER = "the file states it, and it is not read"
-_OF_FEBIO = {
+OF_FEBIO = {
     "Material": BODY, "Boundary": SUPPORT, "Loads": LOAD, "Contact": CONTACT, "Constraints": CONSTRAINT,
     "Rigid": CONSTRAINT, "Discrete": "the file states springs: hhr.Springs in loads", "Initial": OTHER, "Step": STEP,
 }  # fmt: skip
@@ -69,7 +69,7 @@ def _of_febio(path: Path) -> Iterator[Left]:
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if len(inside) == 2 and (why := _OF_FEBIO.get(inside[1])):
+        if len(inside) == 2 and (why := OF_FEBIO.get(inside[1])):
             words = " ".join(f'{key}="{value}"' for key, value in attributes.items() if key != "id")
             left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", f"<{tag} {words}>".replace(" >", ">"), why))
         inside.append(tag)

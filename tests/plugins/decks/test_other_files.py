@@ -168,7 +168,7 @@ def test_a_mesh_that_does_not_say_what_touches(tmp_path):
 STATED = {
     "part.feb": (
         """<febio_spec version="4.0"><Material>
-<material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
+<material id="1" name="steel" type="Mooney-Rivlin"><c1>1000</c1></material></Material>
 <Mesh><Nodes>{nodes}</Nodes><Elements type="hex8" name="Part1"><elem id="1">1,2,3,4,5,6,7,8</elem></Elements></Mesh>
 <Boundary>
 <bc name="Lid" node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.05</value></bc></Boundary>
@@ -222,3 +222,46 @@ def test_the_hypothesis_of_a_mesh_is_that_of_its_elements(kind, hypothesis, tmp_
     (tmp_path / "part.inp").write_text(f"{nodes}*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n")
     code, output = invoke("start", tmp_path / "part.inp")
     assert code == 0 and scene_of(str(tmp_path / "part.py")).hypothesis == hypothesis, output
+
+
+FEBIO = """<febio_spec version="4.0">
+<Material><material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
+<Mesh>
+{mesh}
+<Surface name="Foot"><quad4 id="1">11,14,13,12</quad4></Surface>
+<Surface name="Roof"><quad4 id="1">5,6,7,8</quad4></Surface>
+<NodeSet name="Floor">1,2,3,4</NodeSet><NodeSet name="Lid">15,16,17,18</NodeSet>
+<SurfacePair name="Touch"><primary>Foot</primary><secondary>Roof</secondary></SurfacePair>
+</Mesh>
+<MeshDomains><SolidDomain name="Part1" mat="steel"/><SolidDomain name="Part2" mat="steel"/></MeshDomains>
+<Boundary>
+<bc node_set="Floor" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>
+<bc node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.1</value></bc>
+<bc node_set="Lid" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof></bc>
+</Boundary>
+<Contact>
+<contact surface_pair="Touch" type="sliding-elastic"><penalty>100</penalty><fric_coeff>0.1</fric_coeff>{more}</contact>
+</Contact>
+<LoadData><load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>
+</load_controller></LoadData>
+</febio_spec>"""
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("more", ["", "<tension>1</tension>"])
+def test_physics_of_a_file_of_febio(more, tmp_path):
+    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100. Manual of FEBio 4."""
+    mesh = ""
+    for part, z, first in ((1, 0.0, 1), (2, 10.02, 11)):
+        square = ((0, 0), (10, 0), (10, 10), (0, 10))
+        places = [(x, y, z + 10 * up) for up in (0, 1) for x, y in square]
+        rows = "".join(f'<node id="{first + k}">{x},{y},{h}</node>' for k, (x, y, h) in enumerate(places))
+        corners = ",".join(str(first + k) for k in range(8))
+        cell = f'<elem id="{part}">{corners}</elem>'
+        mesh += f'<Nodes>{rows}</Nodes><Elements type="hex8" name="Part{part}">{cell}</Elements>'
+    (tmp_path / "part.feb").write_text(FEBIO.replace("{mesh}", mesh).replace("{more}", more))
+    code, output = invoke("start", tmp_path / "part.feb")
+    assert code == 0 and ("TODO" in output) == bool(more) == ("<tension>" in output), output
+    scene = scene_of(str(tmp_path / "part.py"))
+    assert scene.contacts[0].slave == "Foot" and scene.contacts[0].friction == 0.1
+    assert hhr.FullOrderModel(scene).solve(scene.parameters.middle).forces().sum() == pytest.approx(150.0, rel=1e-9)
