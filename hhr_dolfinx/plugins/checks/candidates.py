@@ -74,7 +74,8 @@ class OuterFacets:
         is no deeper than ``DEEP`` of the smaller piece: two sides that look away from each other do not face.
         """
         points = np.concatenate([self.corners[rows], self._middles[rows][:, None]], axis=1)
-        normals, middles = self.normals[others], self._middles[others]
+        normals = self.normals[others]
+        middles = self._middles[others]
         tried = min(TRIED, len(others))
         near = cKDTree(middles).query(points, k=tried)[1].reshape(*points.shape[:2], tried)
         off = points[:, :, None] - middles[near]

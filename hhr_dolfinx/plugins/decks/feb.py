@@ -117,7 +117,8 @@ def _sections(root: Item, path: Path, parts: NamedParts) -> Iterator[Section]:
         tag = parts.body(domain.attributes.get("name", ""))
         if item is None or tag is None or item.attributes.get("type") not in _ELASTIC:
             continue
-        young, poisson = item.number("E"), item.number("v")
+        young = item.number("E")
+        poisson = item.number("v")
         if young is not None and poisson is not None:
             name = item.attributes["name"]
             source = f"{path.name}:{item.line}"
@@ -138,7 +139,8 @@ def _made(
     if section == "Boundary" and item.tag == "bc":
         made = list(_supports(item, kind, source, root, parts))
     elif section == "Loads" and item.tag == "surface_load" and kind == "pressure":
-        surface, value = parts.surface(item.name("surface")), item.number("pressure")
+        surface = parts.surface(item.name("surface"))
+        value = item.number("pressure")
         if surface is not None and value is not None:
             value *= _curve(root, item.child("pressure"))
             made = [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]

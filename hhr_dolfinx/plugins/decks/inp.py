@@ -17,6 +17,7 @@ from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Sec
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
+from hhr_dolfinx.plugins.decks.inp_gaps import gaps_of
 from hhr_dolfinx.plugins.decks.inp_history import in_order, with_history
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import materials_of
@@ -80,6 +81,8 @@ class _Reader:
         tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
         # nodes that move rigid tools are no nodes of cells: their motions are gaps
         own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+        gaps, grounds = gaps_of(found, parts, nodes, state, left)
+        own = [item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds]
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
@@ -96,7 +99,8 @@ class _Reader:
         axis = 1 if self.hypothesis == "axisymmetric" else 2
         supports, loads = loads_of(merged(own), parts, materials, self.thickness, left, axis)
         loads += heated_of(found, own, nodes, materials, left)
-        touching = pairs_of(found, parts, nodes, state, left)
+        touching = (*pairs_of(found, parts, nodes, state, left), *gaps)
+        sides = any(not parts.named_in(pair.text) for pair in gaps)
         if not (touching or supports or constraints):
             raise SceneError(
                 f"{self.path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: "
@@ -113,6 +117,7 @@ class _Reader:
             sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
             tuple(one.name for one in self.cuts),
+            sides=sides,
             contact_lost=not touching and bool(of_kind(found, "CONTACT PAIR", "CONTACT", "GAP")),
         )
         flows = any(item.material.law for item in self.sections)

@@ -175,6 +175,7 @@ _OF_CONTACT = {
         DEPENDENCIES=_FIRST_LINE,
         USER="a subroutine is not read, and the pair has no friction here: give it friction= or a law",
     ),
+    "GAP": read_options("ELSET"),
     "CLEARANCE": out_options(
         read_options("MASTER|SLAVE|VALUE|CPSET"),
         {"TABULAR": "clearances of single nodes are not read: hhr.Opening(CONTACT, VALUE, overwrites=True) has one"},
@@ -321,7 +322,6 @@ _NOT_READ = {
     "CONTACT INTERFERENCE": "no counterpart: hhr.Opening(CONTACT, -OVERLAP) in openings is an interference, and an "
     "overlap of the mesh is one as it is",
     "MODEL CHANGE": "no counterpart: all bodies and pairs act in all steps. Leave a removed pair out of contacts",
-    "GAP": "no counterpart: hhr.Obstacle(SURFACE, NORMAL, OFFSET) in contacts is a rigid plane at a distance",
     **dict.fromkeys(("CHANGE FRICTION", "CHANGE CONTACT TYPE", "CHANGE SURFACE BEHAVIOR"), _ALL_STEPS),
     **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
 }

@@ -166,6 +166,31 @@ def test_friction(words, limit, tmp_path):
         assert abs(reactions[0]) == pytest.approx(0.25 * reactions[2], rel=1e-3)  # of its penalty
 
 
+GROUND = "*NODE\n901, 0., 0., -1.\n902, 1., 0., -1.\n903, 0., 1., -1.\n904, 1., 1., -1.\n"
+LINKS = "*ELEMENT, TYPE=GAPUNI, ELSET=GAPS\n901, 901, 1\n902, 902, 2\n903, 903, 3\n904, 904, 4\n"
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_gap_elements_to_the_ground(held, tmp_path):
+    """A cube moved down by .05 above a gap of .01 is shortened by .04: p = E .04. Manual of CalculiX, *GAP.
+
+    Between two bodies, or to a ground that may move, they are named, and the scene has no contact.
+    """
+    lines = block_lines("CUBE", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
+    lines += [STEEL.format(poisson=0.0, more=""), "*SOLID SECTION, ELSET=CUBE, MATERIAL=STEEL", GROUND + LINKS.rstrip()]
+    lines += ["*GAP, ELSET=GAPS", "0.01, 0., 0., 1.", "*NSET, NSET=GROUND", "901, 902, 903, 904", "*BOUNDARY"]
+    lines += ["GROUND, 1, 3" if held else "GROUND, 1, 2", "CUBE_X0, 1", "CUBE_Y0, 2", "*STEP", "*STATIC", "*BOUNDARY"]
+    text = "\n".join([*lines, "CUBE_Z1, 3, 3, -0.05", "*END STEP"]) + "\n"
+    scene, output = started(tmp_path, text, code=0 if held else 3)
+    assert ("TODO" in output) != held
+    if held:
+        (floor,) = scene.contacts
+        assert isinstance(floor, hhr.Obstacle) and tuple(floor.normal) == (0.0, 0.0, -1.0)
+        assert solved(scene)[1].forces().sum() == pytest.approx(40.0, rel=1e-9)
+    else:
+        assert "*GAP: no counterpart: a gap between a whole flat side of a body and a ground" in output
+
+
 def test_a_rigid_plane_that_moves(tmp_path):
     """Rigid elements at z = 4.2 move down by .3: the upper block is pressed by .1 over two lengths, p = E .1 / 2."""
     tool = ("*NODE\n9001, -1., -1., 2.2\n9002, 2., -1., 2.2\n9003, 2., 2., 2.2\n9004, -1., 2., 2.2\n9009, 0., 0., 3.\n"

@@ -68,6 +68,9 @@ EXAMPLES = {
     "SURFACE BEHAVIOR": touching("*SURFACE BEHAVIOR\n1e6"),
     "FRICTION": touching("*FRICTION\n0.3"),
     "CLEARANCE": touching(before="*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE=0.1"),
+    "GAP": before_step("*ELEMENT, TYPE=GAPUNI, ELSET=G\n700, 903, 20\n*GAP, ELSET=G\n0.01, 0., 0., -1.\n").replace(
+        "BAR_X0, 1\n", "BAR_X0, 1\n903, 1, 3\n"
+    ),
     "RIGID BODY": before_step("*RIGID BODY, NSET=BAR_X1, REF NODE=901\n"),
     "EQUATION": before_step("*EQUATION\n2\n5, 2, 1., 10, 2, -1.\n"),
     "MPC": before_step("*MPC\nMEANROT, 3, 3, 3, 4, 4, 4, 8, 8, 8, 904\n"),
