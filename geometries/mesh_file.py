@@ -88,7 +88,7 @@ class MeshFile:
         if not path.is_file():
             raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
         try:
-            raw = conforming(_reader(path)(path).once()).compact()
+            raw = conforming(reader_of(path)(path).once()).compact()
             far = np.flatnonzero(~(np.abs(raw.points) < FAR).all(axis=1))
             if far.size:
                 raise FileContentError(f"mesh file {path} has a node at {raw.points[far[0]].tolist()}: correct it")
@@ -121,7 +121,7 @@ def _advice(path: Path) -> str:
     return f"Write it again, or in another format: {', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
 
 
-def _reader(path: Path) -> Any:
+def reader_of(path: Path) -> Any:
     """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them .msh."""
     ending = path.suffix.lower()
     if (place := named("readers").get(ending)) is not None:

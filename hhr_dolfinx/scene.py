@@ -104,10 +104,12 @@ class Opening(KnownArguments):
     Attributes:
         contact: index of the pair in ``Scene.contacts``.
         amplitude: added gap.
+        overwrites: True if it is the whole gap, whatever the mesh has between the surfaces, as a ``*CLEARANCE``.
     """
 
     contact: int
     amplitude: Amplitude
+    overwrites: bool = False
 
     def __post_init__(self):
         check_pair_index(f"contact {self.contact!r} of an opening", self.contact)
@@ -276,6 +278,10 @@ class Scene(KnownArguments):
         """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""
         own = [item.amplitude for item in self.openings if item.contact == contact]
         return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
+
+    def overwritten(self, contact: int) -> bool:
+        """True if an opening overwrites the gaps that the mesh has at a contact pair, given by its index."""
+        return any(item.overwrites for item in self.openings if item.contact == contact)
 
     @cached_property
     def laws(self) -> tuple[PairLaw | None, ...]:

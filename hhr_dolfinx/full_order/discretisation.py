@@ -366,9 +366,13 @@ class Discretisation(DiscreteSpace):
                 raise SceneError(
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
+            changes = item.gap_terms(surfaces, part) if hasattr(item, "gap_terms") else []
+            opened += [(place, term) for term in changes]
+            if self.scene.overwritten(place):
+                if changes:
+                    raise SceneError(f"an opening overwrites the gaps of contact {place}, which moves by a formula")
+                part = replace(part, gap=np.zeros(part.gap.size))
             parts.append(part)
-            if hasattr(item, "gap_terms"):
-                opened += [(place, term) for term in item.gap_terms(surfaces, part)]
         if opened and self.scene.shapes:
             raise NotOfferedError(
                 f"scene '{self.scene.name}' has shapes, and obstacles whose place or size depends on parameters: that "

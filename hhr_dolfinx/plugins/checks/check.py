@@ -177,7 +177,8 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
     names = " and ".join(repr(surface.tag) for surface in surfaces)
     why = ""
     opened = scene.opened(place, point)
-    for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
+    drawn = len(surfaces) == 2 and not scene.overwritten(place)
+    for first, second in (surfaces, surfaces[::-1]) if drawn else ():
         count, deep = depth_inside(found, first, second)
         if deep - opened > max(depth, OVERLAP * sag):
             depth = deep - opened

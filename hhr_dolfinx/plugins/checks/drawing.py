@@ -135,8 +135,10 @@ def _draw_cells(axes: Axes, points: np.ndarray, kind: str, cells: np.ndarray, st
 
 
 def _draw_facets(axes: Axes, facets: list[np.ndarray], colour: str, label: str) -> None:
-    """Facets of a surface, with their corners in circular order."""
-    if len(facets) and facets[0].shape[1] == 2:
+    """Facets of a surface, with their corners in circular order; a surface within glued bodies has none."""
+    if not facets:
+        return
+    if facets[0].shape[1] == 2:
         axes.add_collection(LineCollection(facets, colors=colour, linewidth=2.5, label=label))
     else:
         axes.add_collection3d(Poly3DCollection(facets, facecolor=colour, alpha=0.9, label=label))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import FileContentError, FileError
+from hhr_dolfinx.errors import FileContentError, FileError, SceneError
 from hhr_dolfinx.plugins.decks.deck import Deck, Left
 
 if TYPE_CHECKING:
@@ -45,6 +45,11 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
     console, _ = spoken()
     for line in (*map(str, deck.left), f"{target} is written. Now: hhr check {target}"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if deck.contact_lost:
+        raise SceneError(
+            f"{file.name} states contact, and {target} has none of it, so that its answers are those without: the TODO "
+            "lines say why. Add the pairs to its contacts"
+        )
 
 
 def deck_of(path: Path, mesh: Path | None = None) -> Deck:
@@ -54,18 +59,33 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         FileContentError: for a file that cannot be read, with the line.
         SceneError: for a deck from which no scene can be made, with the line.
     """
-    from hhr_dolfinx.geometries.abaqus_blocks import blocks
+    deck = _read(path, mesh)
+    if not deck.pairs:
+        raise SceneError(
+            f"{path.name}: a scene needs a contact pair, and every node of the outside of its bodies is held. Name the "
+            "surfaces to hold and to press in the file of the mesh, such as physical groups of gmsh"
+            + "".join(f". {item}" for item in deck.left)
+        )
+    return deck
+
+
+def _read(path: Path, mesh: Path | None) -> Deck:
+    """Contents of a file, maybe without a contact pair."""
     from hhr_dolfinx.geometries.abaqus_deck import flat_deck
     from hhr_dolfinx.geometries.mesh_file import MeshFile, begins_as_deck
     from hhr_dolfinx.plugins.decks.comm import read_comm
-    from hhr_dolfinx.plugins.decks.inp import read_inp
+    from hhr_dolfinx.plugins.decks.feb import read_febio
+    from hhr_dolfinx.plugins.decks.inp import hypothesis_of, read_inp
     from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-    from hhr_dolfinx.plugins.decks.inp_steps import Block, of_kind
+    from hhr_dolfinx.plugins.decks.inp_steps import of_kind
+    from hhr_dolfinx.plugins.decks.keywords import blocks_of
     from hhr_dolfinx.plugins.decks.named import NamedParts
     from hhr_dolfinx.plugins.decks.template import template
+    from hhr_dolfinx.registry import named
 
     if path.suffix.lower() == ".comm" and path.is_file():
-        beside = [path.with_suffix(ending) for ending in (".med", ".mmed", ".msh", ".unv", ".inp")]
+        endings = dict.fromkeys((".med", ".mmed", ".mail", ".msh", ".unv", ".inp", *named("readers")))
+        beside = [path.with_suffix(ending) for ending in endings]
         mesh = mesh or next((one for one in beside if one.is_file()), None)
         if mesh is None:
             raise FileContentError(f"{path} names no mesh: give its file, --mesh part.med")
@@ -73,10 +93,14 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         return _without_folds(read_comm(path, mesh, parts), parts.raw)
     parts = NamedParts(MeshFile(path).read())
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
-    found = [Block(path.name, *block) for block in blocks(path)] if deck else []
-    physics = of_kind(found, "SOLID SECTION", "STEP")
-    made = read_inp(path, found, parts, DeckNodes(flat_deck(path))) if physics else template(path, parts)
-    return _without_folds(made, parts.raw)
+    kept, left = blocks_of(path) if deck else ([], [])
+    physics = of_kind(kept, "SOLID SECTION", "STEP")
+    if physics:
+        return _without_folds(read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw)
+    if path.suffix.lower() == ".feb" and (made := read_febio(path, parts)) is not None:
+        return _without_folds(made, parts.raw)
+    made = template(path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid")
+    return _without_folds(replace(made, left=(*made.left, *left)), parts.raw)
 
 
 def _without_folds(deck: Deck, raw: RawMesh) -> Deck:

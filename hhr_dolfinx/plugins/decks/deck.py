@@ -5,6 +5,7 @@ Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,8 @@ class Load:
 class Pair:
     """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps.
 
-    The text of a curved rigid surface has ``{place}`` for its motion.
+    The text of a curved rigid surface has ``{place}`` for its motion. A gap that ``overwrites`` is that of all nodes,
+    whatever the mesh has.
     """
 
     text: str
@@ -68,6 +70,8 @@ class Pair:
     motion: tuple[float, ...] = ()
     origin: tuple[float, ...] = ()  # place without the motion, empty for zeros
     direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
+    limit: float = math.inf  # largest shear stress of friction
+    overwrites: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,4 +115,5 @@ class Deck:
     history: History | None = None  # None where the end of the last step is all that counts
     folded: bool = False  # True for a mesh with folded cells of second order
     proposal: bool = False  # True if the file is a mesh without physics, for which supports and loads are proposed
+    contact_lost: bool = False  # True if the file states contact, and no pair of it is read
     sides: bool = False  # names of sides of bodies that the file does not have are used

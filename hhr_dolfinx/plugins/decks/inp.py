@@ -17,9 +17,10 @@ from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Sec
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
+from hhr_dolfinx.plugins.decks.inp_gaps import gaps_of
 from hhr_dolfinx.plugins.decks.inp_history import in_order, with_history
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
-from hhr_dolfinx.plugins.decks.inp_materials import OF_MATERIALS, materials_of
+from hhr_dolfinx.plugins.decks.inp_materials import materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
@@ -29,38 +30,22 @@ from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
-_READ = OF_MATERIALS | frozenset(
-    "SOLID SECTION|STEP|STATIC|VISCO|AMPLITUDE|BOUNDARY|CLOAD|DLOAD|DSLOAD|TEMPERATURE|INITIAL CONDITIONS|CONTACT PAIR|"
-    "SURFACE INTERACTION|SURFACE BEHAVIOR|FRICTION|CLEARANCE|RIGID BODY|EQUATION|MPC|"
-    "TIE|CYCLIC SYMMETRY MODEL|COUPLING|KINEMATIC|DISTRIBUTING|DISTRIBUTING COUPLING|PRE-TENSION SECTION|"
-    "TRANSFORM".split("|")
-)
-_WITHOUT_EFFECT = frozenset(
-    "NODE|ELEMENT|NSET|ELSET|NGEN|NFILL|ELGEN|SURFACE|HEADING|PART|END PART|ASSEMBLY|END ASSEMBLY|INSTANCE|"
-    "END INSTANCE|PREPRINT|END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|TIME POINTS|SOLUTION TECHNIQUE|"
-    "SOLVER CONTROLS|FILTER|CONTACT CONTROLS|ORIENTATION".split("|")
-)
-_OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
-_AT_REST = "the state is that at rest, without inertia, modes or heat flow"
-_NO = "no counterpart: "
-_REASONS = {
-    "CONTACT": _NO + "name each pair of surfaces that may touch",
-    **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
-}
 _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
 
 
-def read_inp(path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckNodes) -> Deck:
-    """Read bodies, supports, loads and contacts of the blocks of a deck.
+def read_inp(
+    path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, unread: Sequence[Left] = ()
+) -> Deck:
+    """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are not read.
 
     Raises:
         SceneError: for a deck without sections or supports, or with a material that is not elastic, with the line.
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
-    left = list(_ignored(found))
+    left = [*unread, *_perturbed(found)]
     whole = parts
     cuts, parts = sections_of(found, parts, nodes, left)
-    hypothesis = _hypothesis(found, parts, left)
+    hypothesis = hypothesis_of(found, parts, left)
     sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
@@ -96,6 +81,8 @@ class _Reader:
         tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
         # nodes that move rigid tools are no nodes of cells: their motions are gaps
         own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+        gaps, grounds = gaps_of(found, parts, nodes, state, left)
+        own = [item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds]
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
@@ -112,7 +99,8 @@ class _Reader:
         axis = 1 if self.hypothesis == "axisymmetric" else 2
         supports, loads = loads_of(merged(own), parts, materials, self.thickness, left, axis)
         loads += heated_of(found, own, nodes, materials, left)
-        touching = pairs_of(found, parts, nodes, state, left)
+        touching = (*pairs_of(found, parts, nodes, state, left), *gaps)
+        sides = any(not parts.named_in(pair.text) for pair in gaps)
         if not (touching or supports or constraints):
             raise SceneError(
                 f"{self.path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: "
@@ -129,6 +117,8 @@ class _Reader:
             sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
             tuple(one.name for one in self.cuts),
+            sides=sides,
+            contact_lost=not touching and bool(of_kind(found, "CONTACT PAIR", "CONTACT", "GAP")),
         )
         flows = any(item.material.law for item in self.sections)
         return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)
@@ -158,6 +148,14 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
             since[nodes] = np.minimum(since[nodes], item.since)
 
 
+def _perturbed(found: Sequence[Block]) -> Iterator[Left]:
+    """Steps that are linear responses to small changes, which several steps of a deck add up."""
+    steps = of_kind(found, "STEP")
+    for block in steps:
+        if "PERTURBATION" in block.options and len(steps) > 1:
+            yield block.left("PERTURBATION: loads of earlier steps stay here, and the response is that of both")
+
+
 def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
     """Steps without creep of a deck with creep."""
     if any("Norton" in item.material.law or "Creep" in item.material.law for item in sections):
@@ -179,7 +177,7 @@ def _out_of_reach(
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
-def _hypothesis(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
+def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
     """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"
@@ -242,18 +240,3 @@ def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> lis
     tags = [tag for tag in parts.raw.bodies if str(tag).upper() in full]
     single = parts.body(name)
     return [single] if single is not None and len(tags) < 2 else tags
-
-
-def _ignored(found: Sequence[Block]) -> Iterator[Left]:
-    """Blocks, or options of blocks, without counterpart."""
-    for block in found:
-        keyword = block.keyword
-        if keyword == "STEP" and "NLGEOM" in block.options and block.word("NLGEOM") != "NO":
-            yield block.left("NLGEOM, large displacements: strains and rotations are small here")
-        elif (keyword == "BOUNDARY" and {"FIXED", "SUBMODEL"} & block.options.keys()) or "USER" in block.options:
-            why = "FIXED keeps values of earlier steps, of a bolt its force and not its length"
-            yield block.left(f"{why}; SUBMODEL and USER are ignored")
-        elif keyword == "CONTACT PAIR" and "ADJUST" in block.options:
-            yield block.left("ADJUST moves no nodes here: gaps and overlaps are those of the mesh, see hhr check")
-        elif keyword not in _READ | _WITHOUT_EFFECT and not keyword.endswith(_OUTPUT):
-            yield block.left(_REASONS.get(keyword, "no counterpart"))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,57 +14,89 @@ from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
+from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 
-STRAIGHT = 1e-9
-"""Deviation over their extent up to which the points of a rigid surface lie in a plane."""
-Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""A point of a rigid plane, its unit normal, and the motion of its reference node, (dim,) each."""
+
+class Friction(NamedTuple):
+    """Coefficient of friction, and its largest shear stress."""
+
+    coefficient: float = 0.0
+    limit: float = math.inf
 
 
 def pairs_of(
     found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
 ) -> tuple[Pair, ...]:
     """Contact pairs and obstacles; parts without counterpart are left."""
-    friction = _frictions(found, left)
-    planes, tools = _rigid(found, parts, nodes, state)
+    frictions = _frictions(found, left)
+    rigid = _rigid(found, parts, nodes, state, left)
     cleared = of_kind(found, "CLEARANCE")
-    gaps = {_sides(block): block.number(block.option("VALUE")) for block in cleared}
-    given = {tuple(word.upper() for word in row if word)[:2] for b in of_kind(found, "CONTACT PAIR") for row in b.rows}
-    left += [one.left("no pair has this slave and master") for one in cleared if _sides(one) not in given]
+    used: set[str] = set()
     pairs = []
     for block in of_kind(found, "CONTACT PAIR"):
+        word = block.word("INTERACTION")
+        if word and word not in frictions:
+            left.append(block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0"))
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
-            coefficient = friction.get(word := block.word("INTERACTION"), 0.0)
-            if word and word not in friction:
-                left.append(block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0"))
-            if len(names) < 2 or coefficient is None or "TIED" in block.options:
-                left.append(block.left("a pair needs two surfaces" if len(names) < 2 else "no counterpart: it is tied"))
+            friction = frictions.get(word, Friction())
+            pair = _pair(block, names, parts, rigid, friction.coefficient, left)
+            clearance = next((one for one in cleared[::-1] if _clears(one, block, names)), None)
+            if pair is None:
                 continue
-            surfaces = [parts.surface(name) for name in names]
-            slave, master = surfaces
-            lost = [name for name, tag in zip(names, surfaces, strict=True) if tag is None]
-            deformable = slave if slave is not None else master
-            if slave is not None and master is not None:
-                pairs.append(parts.pair(slave, master, coefficient, block.source, gaps.get((names[0], names[1]), 0.0)))
-            elif lost[0] in planes and deformable is not None:
-                point, normal, motion = planes[lost[0]]
-                normal = normal * np.sign(normal @ parts.normals(deformable).mean(axis=0)) + 0.0
-                text = f"hhr.Obstacle({deformable!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
-                pairs.append(Pair(text, coefficient, block.source, float(motion @ normal)))
-                left += _dragging(block, coefficient, motion - (motion @ normal) * normal)
-            elif lost[0] in tools and deformable is not None:
-                tool, motion = tools[lost[0]]
-                middles = parts.raw.points[parts.surfaces[deformable]].mean(axis=1)
-                text = tool.written(deformable, middles, parts.normals(deformable))
-                moved = tuple(motion.tolist())
-                pairs.append(Pair(text, coefficient, block.source, motion=moved, origin=tool.origin))
-                left += _dragging(block, coefficient, motion)
-            else:
-                left.append(
-                    block.left(f"'{lost[0]}' is no surface with facets of the mesh, nor a rigid surface that is read")
-                )
+            if clearance is not None and pair.motion:
+                left.append(clearance.left("the distance of a curved rigid surface is that of the mesh"))
+            elif clearance is not None:
+                gap = pair.gap + clearance.number(clearance.option("VALUE"))
+                pair = replace(pair, gap=gap, overwrites=True)
+            used |= {clearance.source} if clearance is not None else set()
+            pairs.append(replace(pair, limit=friction.limit))
+    left += [
+        one.left("no pair has this slave and master: hhr.Opening(CONTACT, VALUE, overwrites=True) in openings")
+        for one in cleared
+        if one.source not in used
+    ]
     return tuple(pairs)
+
+
+def _pair(
+    block: Block,
+    names: Sequence[str],
+    parts: NamedParts,
+    rigid: tuple[Mapping[str, Plane], Mapping[str, tuple[Tool, np.ndarray]]],
+    friction: float,
+    left: list[Left],
+) -> Pair | None:
+    """Pair of a slave and a master by their names in capitals; None for one that is left."""
+    if len(names) < 2:
+        left.append(block.left("a pair needs two surfaces"))
+        return None
+    planes, tools = rigid
+    slave, master = (parts.surface(name) for name in names)
+    if slave is not None and master is not None:
+        return parts.pair(slave, master, friction, block.source)
+    lost = names[0] if slave is None else names[1]
+    deformable = slave if slave is not None else master
+    if lost in planes and deformable is not None:
+        point, normal, motion = planes[lost]
+        left += _dragging(block, friction, motion - (motion @ normal) * normal)
+        pair = parts.on_plane(deformable, point, normal, friction, block.source)
+        return replace(pair, gap=float(motion @ parts.towards(deformable, normal)))
+    if lost in tools and deformable is not None:
+        tool, motion = tools[lost]
+        middles = parts.raw.points[parts.surfaces[deformable]].mean(axis=1)
+        text = tool.written(deformable, middles, parts.normals(deformable))
+        left += _dragging(block, friction, motion)
+        return Pair(text, friction, block.source, motion=tuple(motion.tolist()), origin=tool.origin)
+    left.append(block.left(f"'{lost}' is no surface with facets of the mesh, nor a rigid surface that is read"))
+    return None
+
+
+def _clears(clearance: Block, pair: Block, names: Sequence[str]) -> bool:
+    """True for the *CLEARANCE of a pair, by its slave and master or by its set of pairs."""
+    if "CPSET" in clearance.options:
+        return clearance.word("CPSET") == pair.word("CPSET")
+    return [clearance.word("SLAVE"), clearance.word("MASTER")] == [*names]
 
 
 def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
@@ -70,26 +105,22 @@ def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
     return [block.left(why)] if friction and motion.any() else []
 
 
-def _sides(block: Block) -> tuple[str, str]:
-    """Slave and master of a *CLEARANCE, in capitals."""
-    return block.word("SLAVE"), block.word("MASTER")
-
-
-def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, float | None]:
-    """Coefficient of friction by the name of the interaction in capitals, None if it is tied."""
-    frictions: dict[str, float | None] = {}
-    name = ""
+def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, Friction]:
+    """Friction by the name of the interaction in capitals."""
+    frictions: dict[str, Friction] = {}
+    name: str | None = None
     for block in found:
         if block.keyword == "SURFACE INTERACTION":
             name = block.option("NAME").upper()
-            frictions[name] = 0.0
-        elif block.keyword == "FRICTION" and block.rows:
-            frictions[name] = block.number(block.rows[0][0])
-        elif block.keyword == "SURFACE BEHAVIOR":
-            kind = block.word("PRESSURE-OVERCLOSURE") or "HARD"
-            frictions[name] = None if kind == "TIED" else frictions.get(name, 0.0)
-            if kind not in ("HARD", "TIED"):
-                left.append(block.left(f"PRESSURE-OVERCLOSURE={kind}: contact is hard here, surfaces do not overlap"))
+            frictions[name] = Friction()
+        elif block.keyword.startswith("CHANGE "):
+            name = None  # of a later step, which is left
+        elif block.keyword == "FRICTION" and block.rows and name is not None:
+            limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
+            frictions[name] = Friction(block.value(block.rows[0], 0), limit)
+            if len(block.rows) > 1:
+                why = "friction does not depend on the pressure, the speed or the temperature: its first line counts"
+                left.append(block.left(f"{why}, {frictions[name].coefficient:g}"))
     return frictions
 
 
@@ -99,7 +130,7 @@ def is_tool(block: Block, parts: NamedParts) -> bool:
 
 
 def _rigid(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed]
+    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
 ) -> tuple[dict[str, Plane], dict[str, tuple[Tool, np.ndarray]]]:
     """Rigid surfaces by their names in capitals: planes, and curved ones with their motions."""
     dim = parts.raw.dim
@@ -123,7 +154,9 @@ def _rigid(
         elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
             owner = firsts[0]
             points = _points_of(found, owner)
-        plane = _plane(np.array(points), sweep=profile or dim == 2)
+        if "FILLET RADIUS" in block.options and sum(word in ("LINE", "CIRCL") for word in firsts) > 1:
+            left.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
+        plane = plane_through(np.array(points), sweep=profile or dim == 2)
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
             planes[name] = plane[0][:dim], plane[1][:dim], motion
@@ -149,13 +182,3 @@ def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
     numbers = {word for row in elements for word in row[1:]}
     nodes = [(block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers]
     return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]
-
-
-def _plane(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along z if they are swept; else nothing."""
-    if len(points) < 2:
-        return None
-    along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
-    spans = np.concatenate([points[1:] - points[0], [along, along]])
-    _, sizes, axes = np.linalg.svd(spans)
-    return (points[0], axes[2]) if sizes[1] > STRAIGHT * sizes[0] >= sizes[2] else None

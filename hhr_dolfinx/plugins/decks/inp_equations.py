@@ -164,10 +164,7 @@ def equations_of(
     """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that they eliminate."""
     equations = Equations(parts, nodes, state, left)
     for block in of_kind(found, "EQUATION"):
-        if "REMOVE" in block.options:
-            left.append(block.left("REMOVE has no counterpart: all equations hold"))
-        else:
-            equations.take(block)
+        equations.take(block)
     kept: list[Imposed] = []
     forces: list[Load] = []
     for item in state:

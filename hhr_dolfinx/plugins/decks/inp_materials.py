@@ -8,8 +8,8 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.decks.deck import Left, Material
 from hhr_dolfinx.plugins.decks.inp_steps import Block
 
-OF_MATERIALS = frozenset({"MATERIAL", "ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY"})
-"""Keywords that are read as parts of a material."""
+PROPERTIES = ("ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY")
+"""Keywords that are read as properties of a material."""
 PLATEAU = 10.0
 """Plastic strain by which the last stress of a table is continued: decks keep it, and TabulatedHardening goes on."""
 
@@ -20,7 +20,7 @@ def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material
     for block in found:
         if block.keyword == "MATERIAL":
             own[name := block.option("NAME").upper()] = {}
-        elif block.keyword in OF_MATERIALS and block.rows and own:
+        elif block.keyword in PROPERTIES and block.rows and own:
             own[name][block.keyword] = block
     return {name: _material(name, parts, left) for name, parts in own.items() if "ELASTIC" in parts}
 
@@ -28,17 +28,11 @@ def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material
 def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     elastic = own["ELASTIC"]
     row = elastic.numbers(elastic.rows[0])
-    kind = elastic.word("TYPE") or "ISO"
-    if not kind.startswith("ISO") or len(row) < 2:
-        raise FileContentError(
-            f"{elastic.source} *ELASTIC of material '{name}' is TYPE={kind} with {row}, and E and nu are needed: give "
-            "it these, and change the body to hhr.Orthotropic in the scene"
-        )
+    if len(row) < 2:
+        raise FileContentError(f"{elastic.source} *ELASTIC of material '{name}' has {row}, and E and nu are needed")
     for block in own.values():
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
             left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
-        if block.keyword == "EXPANSION" and not (block.word("TYPE") or "ISO").startswith("ISO"):
-            left.append(block.left(f"TYPE={block.word('TYPE')}: its first number counts in all directions"))
     single = {key: block.number(block.rows[0][0]) for key, block in own.items() if key in ("EXPANSION", "DENSITY")}
     return Material(
         name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")
@@ -54,7 +48,7 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
         curve = curve if any(stress for stress, _ in curve) else []
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
         kind = creep.word("LAW") or "STRAIN"
-        if kind in ("STRAIN", "TIME", "NORTON") and factor > 0 and exponent >= 1 and -1 < power <= 0:
+        if factor > 0 and exponent >= 1 and -1 < power <= 0:
             # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
             resistance = (factor / (power + 1)) ** (-1 / exponent)
             if not curve:
@@ -83,6 +77,6 @@ def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -
         slope = (curve[1][0] - curve[0][0]) / (curve[1][1] - curve[0][1])
         return f"hhr.Chaboche({curve[0][0]!r}, (({slope!r}, 0.0),))"
     if kind != "ISOTROPIC":
-        left.append(block.left(f"HARDENING={kind} is read as isotropic"))
+        left.append(block.left(f"HARDENING={kind} with {len(curve)} lines is read as isotropic"))
     points = [(strain, stress) for stress, strain in curve]
     return f"hhr.TabulatedHardening({(*points, (points[-1][0] + PLATEAU, points[-1][1]))!r})"

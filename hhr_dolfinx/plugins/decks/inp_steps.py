@@ -237,12 +237,6 @@ def period_of(block: Block) -> float:
 
 def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
     """Times of an amplitude, with its delay, and its values there; FileContentError if it is no table of them."""
-    kind = curve.word("DEFINITION") or "TABULAR"
-    if kind != "TABULAR" or curve.word("VALUE") == "ABSOLUTE":
-        words = f"DEFINITION={kind}" if kind != "TABULAR" else "VALUE=ABSOLUTE"
-        raise FileContentError(
-            f"{curve.source} *AMPLITUDE: {words} has no counterpart: give a table of times and factors of the loads"
-        )
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")

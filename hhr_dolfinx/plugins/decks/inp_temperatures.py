@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, of_kind
+from hhr_dolfinx.plugins.decks.keywords import blocks_of
 
 ALIKE = 1e-9
 """Difference of temperatures over the largest one up to which they are one."""
@@ -63,7 +63,7 @@ def heated_of(
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the deck, (c, k)."""
     nodes = DeckNodes(flat_deck(path))
-    found = [Block(path.name, *block) for block in blocks(path)]
+    found = blocks_of(path)[0]
     points = np.array([[nodes.point(number) for number in one[: CORNERS[kind]]] for kind, one in _cells(nodes, tag)])
     return points, _fractions(rise_of(found, imposed_of(found), nodes), nodes, tag)
 

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.constraints.cut import cut
 from hhr_dolfinx.plugins.constraints.equations import ALIKE, Periodic
-from hhr_dolfinx.plugins.decks.deck import Left, Load
+from hhr_dolfinx.plugins.decks.deck import Left, Load, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
@@ -37,7 +38,7 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
     for block in of_kind(found, "TIE"):
         for row in block.rows:
             names = [word for word in row if word][:2]
-            if len(names) < 2 or {"MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"} & block.options.keys():
+            if len(names) < 2:
                 left.append(block.left("no counterpart: a tie of two surfaces is read"))
             elif "CYCLIC SYMMETRY" in block.options:
                 own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]
@@ -52,7 +53,20 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
                     left.append(block.left(f"'{names[slave is not None]}' is no surface with facets of the mesh"))
                 else:
                     ties.append(Load("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
+                    left += _beyond(block, slave, master, parts)
     return ties
+
+
+def _beyond(block: Block, slave: Tag, master: Tag, parts: NamedParts) -> list[Left]:
+    """Tied nodes beyond the tolerance of a deck, which it leaves free."""
+    if "POSITION TOLERANCE" not in block.options:
+        return []
+    outside = OuterFacets.of(parts.raw)
+    gaps = outside.gaps(*(outside.rows(parts.surfaces[name]) for name in (slave, master)))[:, :-1]
+    far = np.abs(gaps[np.isfinite(gaps)]).max(initial=0.0)
+    tolerance = block.number(block.options["POSITION TOLERANCE"])
+    why = f"POSITION TOLERANCE={tolerance:g}: nodes up to {far:g} apart are tied, too"
+    return [block.left(why)] if far > tolerance else []
 
 
 def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:

@@ -90,7 +90,7 @@ class NamedParts:
         mean = normals.mean(axis=0)
         return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT else None
 
-    def pair(self, slave: Tag, master: Tag, friction: float, source: str, gap: float = 0.0) -> Pair:
+    def pair(self, slave: Tag, master: Tag, friction: float, source: str) -> Pair:
         """Contact pair of two surfaces: node to node where they are flat and their nodes coincide, else mortar."""
         normal = self.flat_normal(slave)
         here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
@@ -98,8 +98,19 @@ class NamedParts:
             distance, partner = cKDTree(there).query(here)
             if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here):
                 text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
-                return Pair(text, friction, source, gap)
-        return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source, gap)
+                return Pair(text, friction, source)
+        return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source)
+
+    def towards(self, name: Tag, normal: np.ndarray) -> np.ndarray:
+        """A unit normal, (dim,), with the sign with which it points out of a surface."""
+        towards: np.ndarray = normal * np.sign(normal @ self.normals(name).mean(axis=0)) + 0.0
+        return towards
+
+    def on_plane(self, name: Tag, point: np.ndarray, normal: np.ndarray, friction: float, source: str) -> Pair:
+        """Obstacle in front of a surface: the rigid plane through a point, with a unit normal of either sign."""
+        normal = self.towards(name, normal)
+        text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
+        return Pair(text, friction, source)
 
     def out_of_reach(self, supports: Sequence[Support], among: Container[Tag] | None = None) -> tuple[Pair, ...]:
         """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none.

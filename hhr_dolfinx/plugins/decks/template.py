@@ -3,37 +3,47 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces
+from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.named import FLAT, NamedParts
+from hhr_dolfinx.plugins.decks.stated import stated_in
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
-FACING = -0.5
-"""Largest cosine between outer normals of two surfaces that face each other."""
+COVERED = 0.25
+"""Share of the facets of a surface that lie in front of another one from which on the two face each other."""
 NEAR = 0.1
 """Largest distance of a further pair of surfaces, over the extent of the smaller one."""
 STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
 SOFT = 1e-7
 """Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends bears far less."""
+PROPOSED = "a proposal for lengths in mm: replace it by your own"
+STATED = (
+    "a proposal for lengths in mm, which is not that of the file: replace it by what the file states in these lines"
+)
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)
 """Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
 
 
-def template(path: Path, given: NamedParts) -> Deck:
+def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck:
     """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left.
+
+    Args:
+        path: the mesh file. What it states beside its mesh is left, line by line.
+        given: its contents.
+        plane: hypothesis of a mesh in the plane.
 
     Raises:
         FileContentError: for a mesh of shells.
@@ -48,16 +58,17 @@ def template(path: Path, given: NamedParts) -> Deck:
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
-    left = [Left(source, "materials, support and pressure", "a proposal for lengths in mm: replace it by your own")]
+    stated = stated_in(path)
+    left = [Left(source, "materials, support and pressure", STATED if stated else PROPOSED), *stated]
     bolts = dict(_bolts(parts, source))
-    deck = Deck(path, "solid" if dim == 3 else "plane_strain", sections, constraints=(*bolts.values(),), cuts=(*bolts,))
+    deck = Deck(path, "solid" if dim == 3 else plane, sections, constraints=(*bolts.values(),), cuts=(*bolts,))
     supports, loads, planes = _by_names(parts, source, left)
     parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)
     if not pairs:
         left.append(Left(source, "contact", "no surfaces of two bodies face each other: name a pair in contacts"))
     if pairs and not supports:
-        supports, proposed = _by_places(parts, piece, pairs[0], source, left)
+        supports, proposed = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
         loads = loads or proposed
     elif not pairs and not loads:
         made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
@@ -125,14 +136,20 @@ def _by_names(parts: NamedParts, source: str, left: list[Left]) -> tuple[list[Su
 
 
 def _by_places(
-    parts: NamedParts, piece: Mapping[Tag, int], pair: tuple[Tag, Tag], source: str, left: list[Left]
+    parts: NamedParts,
+    piece: Mapping[Tag, int],
+    pair: tuple[Tag, Tag],
+    source: str,
+    left: list[Left],
+    named: Container[Tag],
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and a pressure on the far sides of the bodies of a contact pair."""
+    """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the file names first."""
     slave = pair[0]
     supports: list[Support] = []
     loads: list[Load] = []
     for number in sorted({piece[name] for name in pair}):
-        far = _far(parts, [name for name in piece if piece[name] == number and name not in pair], slave)
+        sides = [name for name in piece if piece[name] == number and name not in pair]
+        far = _far(parts, [name for name in sides if name in named], slave) or _far(parts, sides, slave)
         if far is None:
             own = next(name for name in pair if piece[name] == number)
             left.append(Left(source, "support", f"no named surface to hold the body of {own!r}"))
@@ -225,23 +242,23 @@ def _pieces(parts: NamedParts) -> dict[Tag, int]:
 
 def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]]:
     """Surfaces of different pieces that face each other, the finer one first: the nearest pair, and all near ones."""
-    corners = {name: parts.raw.points[parts.surfaces[name]] for name in piece}
-    middles = {name: points.mean(axis=1) for name, points in corners.items()}
-    size = {name: float(np.median(np.ptp(points, axis=1).max(axis=1))) for name, points in corners.items()}
+    outside = OuterFacets.of(parts.raw)
+    rows = {name: outside.rows(parts.surfaces[name]) for name in piece}
+    size = {name: float(np.median(np.ptp(outside.corners[own], axis=1).max(axis=1))) for name, own in rows.items()}
     known: list[tuple[float, Tag, Tag]] = []
     for first, second in permutations(piece, 2):
         if piece[first] != piece[second]:
-            distance, nearest = cKDTree(middles[second]).query(middles[first])
-            cosine = np.einsum("fd,fd->f", parts.normals(first), parts.normals(second)[nearest])
-            if (cosine < FACING).mean() > 0.5:
-                known.append((float(np.median(distance)), first, second))
-    found: list[tuple[Tag, Tag]] = []
+            gaps = outside.gaps(rows[first], rows[second])[:, -1]  # of middles
+            facing = np.isfinite(gaps)
+            if facing.mean() > COVERED:
+                known.append((float(np.median(np.abs(gaps[facing]))), first, second))
+    pairs: list[tuple[Tag, Tag]] = []
     for distance, *pair in sorted(known, key=lambda item: item[0]):
         extent = min(np.ptp(parts.raw.points[parts.nodes(name)], axis=0).max() for name in pair)
-        if not {*pair} & {name for one in found for name in one} and (not found or distance < NEAR * extent):
+        if not {*pair} & {name for one in pairs for name in one} and (not pairs or distance < NEAR * extent):
             first, second = sorted(pair, key=lambda name: size[name])
-            found.append((first, second))
-    return found
+            pairs.append((first, second))
+    return pairs
 
 
 def _pair(parts: NamedParts, slave: Tag, master: Tag, source: str) -> Pair:

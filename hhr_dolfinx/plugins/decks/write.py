@@ -160,7 +160,8 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
-    friction = f", friction={pair.friction!r}" if pair.friction else ""
+    law = repr(pair.friction) if pair.limit == math.inf else f"hhr.Coulomb({pair.friction!r}, {pair.limit!r})"
+    friction = f", friction={law}" if pair.friction else ""
     origin = pair.origin or (0.0,) * len(pair.motion)
     place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
     if pair in amplitude_of:
@@ -197,11 +198,11 @@ def _supports(supports: Sequence[Support], dim: int, amplitude_of: Mapping[Item,
 
 def _openings(pairs: Sequence[Pair], amplitude_of: Mapping[Item, str]) -> Iterator[str]:
     for number, pair in enumerate(pairs):
-        if pair.gap:
+        if pair.gap or pair.overwrites:
             text = amplitude_of.get(pair, repr(pair.gap))
             text = f"hhr.Amplitude(slopes={{{text}: 1.0}})" if text.startswith("'") else text
             text = text if text.startswith("hhr.") else f"hhr.Amplitude({text})"
-            yield f"hhr.Opening({number}, {text}),  # {pair.source}"
+            yield f"hhr.Opening({number}, {text}{', overwrites=True' * pair.overwrites}),  # {pair.source}"
 
 
 def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:

@@ -63,7 +63,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "a contact has a law with a limit": any(_in_deck(law).limited(law) for law in scene.laws if law is not None),
         "displacements follow others by constraints": bool(scene.constraints),
         "springs hold bodies": any(hasattr(load, "stiffness") for load in scene.loads),
-        "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
+        "gaps are added": any(scene.opened(k, point) or scene.overwritten(k) for k in range(len(scene.contacts))),
     }
     for fault, there in faults.items():
         if there:

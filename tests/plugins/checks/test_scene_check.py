@@ -272,3 +272,24 @@ def test_a_spring_to_a_still_ground_is_no_idle_load():
     found = check_scene(replace(scene, loads=(*scene.loads, springs)))
     assert not any("does nothing" in text for text in texts(found, OK, NOTE, MISTAKE))
     assert f"Springs on {block.side(0, upper=True)}: a spring to a ground that does not move" in texts(found, OK)
+
+
+@needs("mortar")
+def test_glued_bodies_are_drawn(tmp_path):
+    """The surfaces of the pair lie within the bodies, which share their nodes: they have no facets to draw."""
+    rows = [f"{1 + k}, {k % 2}., {k // 2}." for k in range(6)]
+    rows += ["*ELEMENT, TYPE=CPE4, ELSET=LOW", "1, 1, 2, 4, 3", "*ELEMENT, TYPE=CPE4, ELSET=UP", "2, 3, 4, 6, 5"]
+    rows += ["*SURFACE, NAME=ROOF", "1, S3", "*SURFACE, NAME=FOOT", "2, S1", "*SURFACE, NAME=FLOOR", "1, S1"]
+    (tmp_path / "glued.inp").write_text("\n".join(["*NODE", *rows]) + "\n")
+    scene = hhr.Scene(
+        name="glued",
+        geometry=hhr.MeshFile(tmp_path / "glued.inp"),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body("LOW", 1000.0, 0.3), hhr.Body("UP", 1000.0, 0.3)),
+        contacts=(hhr.Mortar("ROOF", "FOOT"),),
+        displacements=hhr.Displacement.clamp("FLOOR", 2),
+        parameters=hhr.ParameterSpace(("p",), (0.0,), (1.0,)),
+    )
+    found = check_scene(scene)
+    assert any("has facets inside the mesh" in text for text in texts(found, MISTAKE))
+    figure_of_scene(found)

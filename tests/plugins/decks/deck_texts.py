@@ -41,8 +41,8 @@ def bar(step, more="", poisson=0.3, cells=(4, 1, 1)):
     return "\n".join(lines) + "\n"
 
 
-def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, interaction="", before=""):
-    """Two unit cubes on each other, on rollers at x, y and z = 0."""
+def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, interaction="", before="", kind=""):
+    """Two unit cubes on each other, on rollers at x, y and z = 0; ``kind`` is the TYPE of their pair."""
     lines = block_lines("LOWER", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1))
     lines += block_lines("UPPER", 1001, (0.0, 0.0, 1.0 + gap), (1.0, 1.0, 2.0 + gap), upper)
     lines += [STEEL.format(poisson=0.0, more=""), *(f"*SOLID SECTION, ELSET={name}, MATERIAL=STEEL"
@@ -50,7 +50,7 @@ def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, inter
     lines += [
         "*SURFACE INTERACTION, NAME=TOUCH",
         *filter(None, [interaction]),
-        "*CONTACT PAIR, INTERACTION=TOUCH",
+        "*CONTACT PAIR, INTERACTION=TOUCH" + f", TYPE={kind}" * bool(kind),
         pair,
     ]
     lines += ["*BOUNDARY", "LOWER_Z0, 1, 3", "UPPER_X0, 1", "UPPER_Y0, 2", *filter(None, [before])]

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from deck_runs import end, solved, started
 from deck_texts import bar, block_lines, blocks
 from needs import needs
 from shell import invoke
-from test_decks import end, solved, started
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.loading import scene_of
@@ -168,7 +168,7 @@ def test_a_fixed_bolt_keeps_its_preload(first, tmp_path):
     text = bar(f"{first}\n{FIXED}").replace("BAR_X0, 1\n", "BAR_X0, 1\nBAR_X1, 1\n")
     section = "*SURFACE, NAME=CUT\n2, S4\n*PRE-TENSION SECTION, SURFACE=CUT, NODE=903\n*STEP"
     scene, output = started(tmp_path, text.replace("*STEP", PILOTS + section, 1))
-    assert "FIXED keeps" in output
+    assert "FIXED: it keeps" in output
     assert solved(scene)[1].stress()[:, 0] == pytest.approx(np.full(4, 5.0), rel=1e-9)
 
 
@@ -203,6 +203,16 @@ def test_a_tie(tmp_path):
     assert "TODO" not in output and isinstance(scene.constraints[0], hhr.Tie)
     moved = end(*solved(scene), (1.0, 1.0, 2.0))
     assert moved == pytest.approx((0.02074459, -0.0004041438, -0.002264094), rel=0.01)
+
+
+def test_nodes_beyond_the_tolerance_of_a_tie_are_named(tmp_path):
+    """Manual of CalculiX, *TIE: nodes farther than POSITION TOLERANCE are not tied; here they are."""
+    pair = "*TIE, NAME=T, POSITION TOLERANCE={}\nUPPER_BOTTOM, LOWER_TOP\n"
+    for gap, said in ((0.05, False), (0.2, True)):
+        text = blocks("*CLOAD\nUPPER_Z1, 3, -0.1", gap=gap)
+        cut = text[text.index("*SURFACE INTERACTION") : text.index("*BOUNDARY")]
+        _, output = started(tmp_path, text.replace(cut, pair.format(0.1)), f"gap{said}.inp")
+        assert ("nodes up to 0.2 apart are tied, too" in output) == said
 
 
 @pytest.mark.filterwarnings("ignore:body LID .* which no contact resists")

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from deck_runs import by_calculix, end, moved_by_calculix, solved, started
 from deck_texts import STEEL, bar, block_lines, blocks
 from mpi4py import MPI
 from needs import needs
@@ -12,30 +13,14 @@ from scenes import slope
 from shell import invoke
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.command.loading import scene_of
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
 
 
-def started(folder, text, name="deck.inp"):
-    """The scene of a deck's text, and what the command printed."""
-    (folder / name).write_text(text)
-    code, output = invoke("start", folder / name)
-    assert code == 0, output
-    return scene_of(str(folder / name.replace("inp", "py"))), output
-
-
-def solved(scene, duration=None):
-    """Model and answer in the middle of the box."""
-    full = hhr.FullOrderModel(scene)
-    more = {} if duration is None else {"duration": duration}
-    return full, full.solve(scene.parameters.middle, **more)
-
-
-def end(full, answer, place=(4.0, 0.0, 0.0)):
-    """Displacement of the node at a place."""
-    node = np.linalg.norm(full.problem.points - place, axis=1).argmin()
-    return answer.displacement().reshape(-1, 3)[node]
+def as_calculix(folder, text, moved):
+    """CalculiX moves the end of a bar as far, to its seven digits."""
+    found = moved_by_calculix(folder, text, "BAR_X1", 5)
+    assert found is None or found[0] == pytest.approx(moved, rel=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -56,8 +41,14 @@ def end(full, answer, place=(4.0, 0.0, 0.0)):
      ("*DLOAD\nBAR, BX, 10.", "", 0.0, ("body_force", 8, 12), 0.08)],
 )  # fmt: skip
 def test_a_bar(step, more, poisson, box, moved, tmp_path):
-    """u = p L / E, alpha T L, rho g L^2 / 2 E, rho w^2 L^3 / 3 E."""
-    scene, _ = started(tmp_path, bar(step, more, poisson))
+    """u = p L / E, alpha T L, rho g L^2 / 2 E, rho w^2 L^3 / 3 E, and CalculiX where it has the words.
+
+    It has no XSYMM and BX, and asks for *INITIAL CONDITIONS, without which bodies begin at 0 by the manual of Abaqus.
+    """
+    text = bar(step, more, poisson)
+    scene, _ = started(tmp_path, text)
+    if "SYMM" not in step and "BX" not in step and ("TEMP" not in step or "INITIAL" in more):
+        as_calculix(tmp_path, text, moved)
     space = scene.parameters
     assert (space.names, *space.lower, *space.upper) == ((box[0],), *(pytest.approx(value) for value in box[1:]))
     assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
@@ -84,9 +75,13 @@ def test_a_bar_that_flows(more, seconds, moved, tmp_path):
 
 @pytest.mark.parametrize(("time", "share"), [("", 0.5), (", TIME=TOTAL TIME", 1.0)])
 def test_steps_and_amplitudes(time, share, tmp_path):
-    """Of the last step: the amplitude at its end, and what the first step put on and OP=NEW did not take off."""
+    """Of the last step: the amplitude at its end, and what the first step put on and OP=NEW did not take off.
+
+    CalculiX owns the meaning.
+    """
     step = (f"*CLOAD\nBAR_X1, 2, 1.\n*DLOAD\n4, P4, -10.\n*END STEP\n*AMPLITUDE, NAME=RISE{time}\n0., 0., 2., 1.\n"
             "*STEP\n*STATIC\n0.1, 1.\n*CLOAD, OP=NEW, AMPLITUDE=RISE\nBAR_X1, 1, 2.")  # fmt: skip
+    as_calculix(tmp_path, bar(step), 0.004 * (10 + 4 * 2 * share))
     scene, _ = started(tmp_path, bar(step))
     assert scene.parameters.names == ("pressure", "force")
     assert end(*solved(scene))[0] == pytest.approx(0.004 * (10 + 4 * 2 * share), rel=1e-9)
@@ -106,6 +101,7 @@ def test_steps_and_amplitudes(time, share, tmp_path):
 def test_repeated_rows(rows, moved, tmp_path):
     """Loads of one step add up, later steps replace them, of supports the last one holds: as in CalculiX 2.20."""
     more = "*DENSITY\n2.\n" if "GRAV" in rows else ""
+    as_calculix(tmp_path, bar(rows, more, 0.0 if more else 0.3), moved)
     scene, _ = started(tmp_path, bar(rows, more, 0.0 if more else 0.3))
     assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
 
@@ -131,24 +127,68 @@ def test_a_traction_and_three_parameters_at_most(tmp_path):
     assert full.pressures(answer).sum() == pytest.approx(4 + 1 + 1 + 4, rel=1e-9)
 
 
-def test_a_gap_is_a_parameter(tmp_path):
-    """Closed by .02 over .01 of the mesh and .005 of *CLEARANCE: p = E (.02 - .015) / 2."""
-    step = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.02"
-    before = "*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE=0.005"
-    scene, _ = started(tmp_path, blocks(step, gap=0.01, before=before))
-    assert scene.parameters.names == ("displacement", "gap")
-    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(2.5, rel=1e-8)
+STIFF = "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n1e7"
 
 
-def test_friction(tmp_path):
-    """Pressed by .01 and drawn by .02 along x: mu N = .25 of the normal force, which is E .01 / 2."""
+@pytest.mark.parametrize(
+    ("drawn", "value", "moved", "pressure"),
+    [(0.01, 0.005, -0.02, 7.5), (0.2, -0.02, 0.0, 10.0), (0.1, 0.0, -0.02, 10.0)],
+)
+def test_a_clearance_overwrites_the_drawn_gap(drawn, value, moved, pressure, tmp_path):
+    """p = E (motion - value) / 2, whatever the mesh has: manual of CalculiX 2.20, *CLEARANCE, and its force."""
+    lid = f"*BOUNDARY\nUPPER_Z1, 3, 3, {moved}"
+    before = f"*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE={value}"
+    text = blocks(lid, gap=drawn, before=before, interaction=STIFF, kind="SURFACE TO SURFACE")
+    scene, _ = started(tmp_path, text)
+    assert scene.parameters.names == tuple(name for name, one in (("displacement", moved), ("gap", value)) if one)
+    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(pressure, rel=1e-8)
+    assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(pressure, rel=1e-3)  # of its penalty
+
+
+@pytest.mark.parametrize(
+    ("words", "limit"), [("*FRICTION\n0.25, 1e6", None), ("*FRICTION, TAUMAX=0.5\n0.25, 1e6", 0.5)]
+)
+def test_friction(words, limit, tmp_path):
+    """Pressed by .01 and drawn by .02 along x: mu N = .25 of the normal force, which is E .01 / 2, also in CalculiX.
+
+    With TAUMAX, of Abaqus alone, its manual has min(mu p, TAUMAX), which is .5 on an area of 1.
+    """
     step = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.01\nUPPER_Z1, 1, 1, 0.02"
-    scene, _ = started(tmp_path, blocks(step, interaction="*FRICTION\n0.25, 1e6").replace("\nUPPER_X0, 1\n", "\n"))
+    text = blocks(step, interaction=f"{STIFF}\n{words}", kind="SURFACE TO SURFACE").replace("\nUPPER_X0, 1\n", "\n")
+    scene, _ = started(tmp_path, text)
     outputs = (hhr.ContactForce("normal", 0, (0.0, 0.0, 1.0)), hhr.FrictionForce("friction", 0, (1.0, 0.0, 0.0)))
     found = solved(dataclasses.replace(scene, outputs=outputs))[1].outputs()
     assert scene.parameters.upper == pytest.approx((0.024,)) or len(scene.parameters.names) == 1
-    assert found["friction"] == pytest.approx(-0.25 * found["normal"], rel=1e-9)
+    assert found["friction"] == pytest.approx(-(limit or 0.25 * found["normal"]), rel=1e-9)
     assert 4.0 < found["normal"] < 6.0
+    if limit is None:
+        reactions = by_calculix(tmp_path, text, "LOWER_Z0")
+        assert abs(reactions[0]) == pytest.approx(0.25 * reactions[2], rel=1e-3)  # of its penalty
+
+
+GROUND = "*NODE\n901, 0., 0., -1.\n902, 1., 0., -1.\n903, 0., 1., -1.\n904, 1., 1., -1.\n"
+LINKS = "*ELEMENT, TYPE=GAPUNI, ELSET=GAPS\n901, 901, 1\n902, 902, 2\n903, 903, 3\n904, 904, 4\n"
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_gap_elements_to_the_ground(held, tmp_path):
+    """A cube moved down by .05 above a gap of .01 is shortened by .04: p = E .04. Manual of CalculiX, *GAP.
+
+    Between two bodies, or to a ground that may move, they are named, and the scene has no contact.
+    """
+    lines = block_lines("CUBE", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))
+    lines += [STEEL.format(poisson=0.0, more=""), "*SOLID SECTION, ELSET=CUBE, MATERIAL=STEEL", GROUND + LINKS.rstrip()]
+    lines += ["*GAP, ELSET=GAPS", "0.01, 0., 0., 1.", "*NSET, NSET=GROUND", "901, 902, 903, 904", "*BOUNDARY"]
+    lines += ["GROUND, 1, 3" if held else "GROUND, 1, 2", "CUBE_X0, 1", "CUBE_Y0, 2", "*STEP", "*STATIC", "*BOUNDARY"]
+    text = "\n".join([*lines, "CUBE_Z1, 3, 3, -0.05", "*END STEP"]) + "\n"
+    scene, output = started(tmp_path, text, code=0 if held else 3)
+    assert ("TODO" in output) != held
+    if held:
+        (floor,) = scene.contacts
+        assert isinstance(floor, hhr.Obstacle) and tuple(floor.normal) == (0.0, 0.0, -1.0)
+        assert solved(scene)[1].forces().sum() == pytest.approx(40.0, rel=1e-9)
+    else:
+        assert "*GAP: no counterpart: a gap between a whole flat side of a body and a ground" in output
 
 
 def test_a_rigid_plane_that_moves(tmp_path):
@@ -369,13 +409,15 @@ def test_parts_without_counterpart_are_named(tmp_path):
     )
     before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
     text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
-    scene, output = started(tmp_path, text)
+    scene, output = started(tmp_path, text, code=3)
+    assert "deck.inp states contact, and" in output  # the answers of this scene are those without
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
     for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
                   "NLGEOM",
                   "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node", "FIXED keeps",
+                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node",
+                  "FIXED: it keeps",
                   "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
                   "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
         assert words in output and words in written
@@ -386,7 +428,7 @@ def test_parts_without_counterpart_are_named(tmp_path):
     ("change", "why"),
     [(("1000., 0.3", "1000., soft"), "deck.inp:\\d+ .ELASTIC: 'soft' is no finite number"),
      (("*ELASTIC\n1000., 0.3\n", ""), "deck.inp:\\d+ .SOLID SECTION: material 'STEEL' has no .ELASTIC"),
-     (("*ELASTIC", "*ELASTIC, TYPE=ORTHO"), "is TYPE=ORTHO"),
+     (("*ELASTIC", "*ELASTIC, TYPE=ORTHO"), "deck.inp:\\d+ .ELASTIC: TYPE=ORTHO: E and nu are needed"),
      (("ELSET=BAR, MATERIAL", "MATERIAL"), "deck.inp:\\d+ .SOLID SECTION has no option ELSET="),
      (("*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL\n", ""), "deck.inp has no .SOLID SECTION"),
      (("BAR_X0, 1", "BAR_X0, all"), "'ALL' is no number of a component"),
@@ -412,7 +454,7 @@ def test_mistakes(change, why, tmp_path):
     ("change", "why"),
     [
         (("INTERACTION=TOUCH\nUP", "INTERACTION=TUCH\nUP"), "*CONTACT PAIR: there is no *SURFACE INTERACTION 'TUCH'"),
-        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST moves no nodes here"),
+        (("PAIR, INTER", "PAIR, ADJUST=0.1, INTER"), "*CONTACT PAIR: ADJUST=0.1: no nodes are moved here"),
         (("UPPER_TOP, P,", "UPPER_TOP, PRES,"), "*DSLOAD: no counterpart: load PRES"),
         (
             ("*STEP", "*CLEARANCE, SLAVE=LOWER_TOP, MASTER=UPPER_BOTTOM, VALUE=0.1\n*STEP"),

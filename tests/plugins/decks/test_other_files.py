@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from deck_texts import bar, blocks
+from needs import needs
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -60,6 +61,60 @@ def test_a_command_file(load, name, pressure, tmp_path):
     assert "run.comm:13" in (tmp_path / "run.py").read_text()
 
 
+RIGID_LINE = """
+MA = LIRE_MAILLAGE(FORMAT='ASTER')
+MO = AFFE_MODELE(MAILLAGE=MA, AFFE=_F(TOUT='OUI', PHENOMENE='MECANIQUE', MODELISATION='D_PLAN'))
+CHMAT = AFFE_MATERIAU(MAILLAGE=MA, AFFE=_F(TOUT='OUI', MATER=DEFI_MATERIAU(ELAS=_F(E=1000.0, NU=0.0))))
+LOAD = AFFE_CHAR_MECA(MODELE=MO, DDL_IMPO=(_F(GROUP_MA='BASE', DX=0.0, DY={moved}), _F(GROUP_MA='LEFT', DX=0.0)),
+                      PRES_REP=_F(GROUP_MA='TOP', PRES=10.0))
+TOUCH = DEFI_CONTACT(MODELE=MO, FROTTEMENT='COULOMB', ZONE=_F(GROUP_MA_MAIT='BASE', GROUP_MA_ESCL='FOOT', COULOMB=0.2))
+"""
+LINES = """COOR_2D
+N1 0. 0. N2 1. 0. N3 1. 1. N4 0. 1. B1 -1. -0.1 B2 0.5 {y} B3 2. -0.1
+FINSF
+QUAD4
+M1 N1 N2 N3 N4
+FINSF
+SEG2
+F N1 N2 T N3 N4 L N4 N1 A1 B1 B2 A2 B2 B3
+FINSF
+GROUP_MA FOOT F FINSF
+GROUP_MA TOP T FINSF
+GROUP_MA LEFT L FINSF
+GROUP_MA BASE A1 A2 FINSF
+FIN
+"""
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("moved", [0.0, 0.05])
+def test_a_rigid_line_without_cells_is_an_obstacle(moved, tmp_path):
+    """A square falls by 0.1 less the motion of the line, and is shortened by p / E: the line bears p.
+
+    SSNV128 of code_aster has such a line, and a mesh of the same name beside its command file.
+    """
+    (tmp_path / "run.mail").write_text(LINES.replace("{y}", "-0.1"))
+    (tmp_path / "run.comm").write_text(RIGID_LINE.replace("{moved}", str(moved)))
+    code, output = invoke("start", tmp_path / "run.comm")
+    assert code == 0 and "TODO" not in output, output
+    scene = scene_of(str(tmp_path / "run.py"))
+    assert isinstance(scene.contacts[0], hhr.Obstacle) and scene.contacts[0].friction == 0.2
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve(scene.parameters.middle)
+    assert full.pressures(answer).sum() == pytest.approx(10.0, rel=1e-9)
+    assert answer.displacement().reshape(-1, 2)[:, 1].min() == pytest.approx(-(0.1 - moved) - 0.01, rel=1e-9)
+
+
+@needs("mesh_formats")
+def test_a_curved_rigid_line_ends_in_a_sentence(tmp_path):
+    """Its scene would have no contact: the command says so, and its exit code too."""
+    (tmp_path / "run.mail").write_text(LINES.replace("{y}", "-0.3"))
+    (tmp_path / "run.comm").write_text(RIGID_LINE.replace("{moved}", "0.0"))
+    code, output = invoke("start", tmp_path / "run.comm")
+    assert code == 3 and "'BASE': it is curved, and has no cells: hhr.Profile" in output
+    assert "run.comm states contact, and" in output
+
+
 def test_nothing_of_a_command_file_is_executed(tmp_path):
     mark = tmp_path / "executed"
     more = f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nfor k in range(3):\n    MACR(K=k)\nOTHER(A=1)"
@@ -67,7 +122,7 @@ def test_nothing_of_a_command_file_is_executed(tmp_path):
     load += ', FORCE_FACE=_F(GROUP_MA="X", FX=E())'
     code, output, _ = started(tmp_path, load, more)
     assert code == 0 and not mark.exists()
-    for words in ("For: not read", "OTHER: not read", "LIAISON_DDL of 'A' has no counterpart",
+    for words in ("For: not read", "OTHER: not read", "LIAISON_DDL: no counterpart: hhr.Equation",
                   "FX of FORCE_FACE is not literal"):  # fmt: skip
         assert words in output
 
@@ -108,3 +163,105 @@ def test_a_mesh_that_does_not_say_what_touches(tmp_path):
     assert code == 0 and "TODO part.inp contact: no surfaces of two bodies face each other" in output
     code, output = invoke("check", tmp_path / "part.py", "--picture", tmp_path / "part.png")
     assert code == 0 and "mistake" not in output, output
+
+
+STATED = {
+    "part.feb": (
+        """<febio_spec version="4.0"><Material>
+<material id="1" name="steel" type="Mooney-Rivlin"><c1>1000</c1></material></Material>
+<Mesh><Nodes>{nodes}</Nodes><Elements type="hex8" name="Part1"><elem id="1">1,2,3,4,5,6,7,8</elem></Elements></Mesh>
+<Boundary>
+<bc name="Lid" node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.05</value></bc></Boundary>
+<Contact>
+<contact name="C" type="sliding-elastic"><fric_coeff>0</fric_coeff></contact></Contact></febio_spec>""",
+        '<node id="{}">{},{},{}</node>',
+        ["part.feb:2 <material", "part.feb:5 <bc", "part.feb:7 <contact"],
+    ),
+    "part.k": (
+        "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n"
+        "*BOUNDARY_SPC_SET\n1,0,1,1,1\n*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n",
+        "{},{},{},{}\n",
+        ["part.k:2 *MAT_ELASTIC", "*BOUNDARY_SPC_SET", "*CONTACT_AUTOMATIC"],
+    ),
+    "part.mdpa": (
+        "Begin Properties 1\nYOUNG_MODULUS 1000.0\nEnd Properties\nBegin Nodes\n{nodes}\nEnd Nodes\n"
+        "Begin Elements SmallDisplacementElement3D8N\n1 1 1 2 3 4 5 6 7 8\nEnd Elements\n"
+        "Begin NodalData DISPLACEMENT_Z\n5 1 -0.05\nEnd NodalData\n",
+        "{} {} {} {}\n",
+        ["part.mdpa:2 YOUNG_MODULUS 1000.0", "NodalData DISPLACEMENT_Z"],
+    ),
+    "part.bdf": (
+        "BEGIN BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\nSPC1,1,123,1\nENDDATA\n",
+        "GRID,{},,{},{},{}\n",
+        ["part.bdf:2 MAT1", "SPC1"],
+    ),
+}
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("name", STATED)
+def test_physics_of_other_files_is_named_line_by_line(name, tmp_path):
+    """What a file states is not silently replaced by steel; the formats are those of their manuals."""
+    text, node, wanted = STATED[name]
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))
+    nodes = "".join(node.format(4 * z + k, x, y, z) for z in (0, 1) for k, (x, y) in enumerate(square, 1))
+    (tmp_path / name).write_text(text.replace("{nodes}", nodes.rstrip()))
+    code, output = invoke("start", tmp_path / name)
+    assert code == 0 and "which is not that of the file" in output, output
+    for words in wanted:
+        assert words in output and "the file states" in output
+    assert output.count(f"TODO {name}:") == len(wanted)
+
+
+@pytest.mark.parametrize(
+    ("kind", "hypothesis"), [("CAX4", "axisymmetric"), ("CPS4", "plane_stress"), ("CPE4", "plane_strain")]
+)
+def test_the_hypothesis_of_a_mesh_is_that_of_its_elements(kind, hypothesis, tmp_path):
+    """Manuals of CalculiX and Abaqus: CAX is axisymmetric, CPS plane stress, whether or not a material is there."""
+    nodes = "*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n"
+    (tmp_path / "part.inp").write_text(f"{nodes}*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n")
+    code, output = invoke("start", tmp_path / "part.inp")
+    assert code == 0 and scene_of(str(tmp_path / "part.py")).hypothesis == hypothesis, output
+
+
+FEBIO = """<febio_spec version="4.0">
+<Material><material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
+<Mesh>
+{mesh}
+<Surface name="Foot"><quad4 id="1">11,14,13,12</quad4></Surface>
+<Surface name="Roof"><quad4 id="1">5,6,7,8</quad4></Surface>
+<NodeSet name="Floor">1,2,3,4</NodeSet><NodeSet name="Lid">15,16,17,18</NodeSet>
+<SurfacePair name="Touch"><primary>Foot</primary><secondary>Roof</secondary></SurfacePair>
+</Mesh>
+<MeshDomains><SolidDomain name="Part1" mat="steel"/><SolidDomain name="Part2" mat="steel"/></MeshDomains>
+<Boundary>
+<bc node_set="Floor" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>
+<bc node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.1</value></bc>
+<bc node_set="Lid" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof></bc>
+</Boundary>
+<Contact>
+<contact surface_pair="Touch" type="sliding-elastic"><penalty>100</penalty><fric_coeff>0.1</fric_coeff>{more}</contact>
+</Contact>
+<LoadData><load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>
+</load_controller></LoadData>
+</febio_spec>"""
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("more", ["", "<tension>1</tension>"])
+def test_physics_of_a_file_of_febio(more, tmp_path):
+    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100. Manual of FEBio 4."""
+    mesh = ""
+    for part, z, first in ((1, 0.0, 1), (2, 10.02, 11)):
+        square = ((0, 0), (10, 0), (10, 10), (0, 10))
+        places = [(x, y, z + 10 * up) for up in (0, 1) for x, y in square]
+        rows = "".join(f'<node id="{first + k}">{x},{y},{h}</node>' for k, (x, y, h) in enumerate(places))
+        corners = ",".join(str(first + k) for k in range(8))
+        cell = f'<elem id="{part}">{corners}</elem>'
+        mesh += f'<Nodes>{rows}</Nodes><Elements type="hex8" name="Part{part}">{cell}</Elements>'
+    (tmp_path / "part.feb").write_text(FEBIO.replace("{mesh}", mesh).replace("{more}", more))
+    code, output = invoke("start", tmp_path / "part.feb")
+    assert code == 0 and ("TODO" in output) == bool(more) == ("<tension>" in output), output
+    scene = scene_of(str(tmp_path / "part.py"))
+    assert scene.contacts[0].slave == "Foot" and scene.contacts[0].friction == 0.1
+    assert hhr.FullOrderModel(scene).solve(scene.parameters.middle).forces().sum() == pytest.approx(150.0, rel=1e-9)

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from deck_entries import ENTRIES
+from deck_runs import started
 from deck_writer import Writer, at, both
 from needs import needs
-from test_decks import started
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError

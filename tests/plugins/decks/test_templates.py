@@ -164,3 +164,56 @@ def test_a_bar_with_one_named_surface_is_held_and_pressed_at_its_ends(tmp_path):
         rigid = replace(scene, bodies=(hhr.Body("BOLT", 1e3, 0.0),))
         found = hhr.FullOrderModel(rigid).solve(scene.parameters.middle).displacement()
         assert np.abs(found).max() == pytest.approx(1.0 * LENGTH / 1e3)
+
+
+def plates(folder, thickness=1.0, gap=0.002, named=(("LOWER", 1), ("UPPER", 3))):
+    """Two squares above each other, of which only some sides have names: S1 is the bottom of a cell, S3 its top."""
+    heights = (0.0, thickness, thickness + gap, 2 * thickness + gap)
+    rows = ["*NODE", *(f"{2 * k + n + 1}, {2.0 * n}, {y!r}" for k, y in enumerate(heights) for n in range(2))]
+    for number, (name, first) in enumerate((("LOWER", 1), ("UPPER", 5)), 1):
+        rows += [f"*ELEMENT, TYPE=CPE4, ELSET={name}", f"{number}, {first}, {first + 1}, {first + 3}, {first + 2}"]
+    for name, face in named:
+        rows += [f"*SURFACE, NAME={name}_SIDE", f"{name}, S{face}"]
+    path = folder / "plates.inp"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("thickness", [1.0, 0.004])
+def test_sides_that_look_away_from_each_other_are_no_pair(thickness, tmp_path):
+    """The floor of the lower plate and the lid of the upper one: sides of the bodies touch, and 2 p passes through.
+
+    Plates thinner than a hundredth of their length are no deeper behind each other than surfaces that overlap.
+    """
+    code, output = invoke("start", plates(tmp_path, thickness))
+    assert code == 0, output
+    scene = scene_of(str(tmp_path / "plates.py"))
+    between = {f"LOWER y = {thickness:g}", f"UPPER y = {thickness + 0.002:g}"}
+    assert {scene.contacts[0].slave, scene.contacts[0].master} == between
+    assert {item.tag for item in scene.displacements} == {"LOWER_SIDE", "UPPER_SIDE"}
+    thick = replace(scene, bodies=tuple(replace(body, young=1e6, poisson=0.0) for body in scene.bodies))
+    assert hhr.FullOrderModel(thick).solve([1.0]).outputs()["force 0"] == pytest.approx(2.0, rel=1e-9)
+
+
+def test_surfaces_that_overlap_face_each_other(tmp_path):
+    """A press fit drawn with an overlap of half a percent of its bodies."""
+    assert invoke("start", plates(tmp_path, 1.0, -0.005, (("LOWER", 3), ("UPPER", 1))))[0] == 0
+    scene = scene_of(str(tmp_path / "plates.py"))
+    assert {scene.contacts[0].slave, scene.contacts[0].master} == {"LOWER_SIDE", "UPPER_SIDE"}
+
+
+def test_a_ball_has_nothing_to_hold_and_to_press(tmp_path):
+    """Its one side is its whole outside: no scene is written that cannot be read."""
+    import gmsh
+
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addSphere(0, 0, 0, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.6)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(tmp_path / "ball.msh"))
+    gmsh.finalize()
+    code, output = invoke("start", tmp_path / "ball.msh")
+    assert code == 3 and "Name the surfaces to hold and to press" in output, output
+    assert not (tmp_path / "ball.py").exists()
