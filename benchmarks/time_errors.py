@@ -10,7 +10,7 @@ with rates or without, built in or written by a user. ``cost`` is the time of a 
 without one. With a tolerance of a hundredth, ``cut`` is the number of steps that the history takes, and ``left`` the
 largest true error of its stress and displacement.
 
-    python benchmarks/time_errors.py [--out DIR] [--quick]
+    python benchmarks/time_errors.py [--out DIR] [--quick] [--seed N]
 """
 
 from __future__ import annotations

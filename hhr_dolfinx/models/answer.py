@@ -333,10 +333,13 @@ class History(Shown):
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         end = self.answers[-1].time if self.answers else self.start
+        estimates = self.time_error[np.isfinite(self.time_error)]
         return {
             "steps": counted(len(self.answers), "step"),
             "time": f"t = {self.start:.6g} to {end:.6g} s",
             "iterations": counted(sum(self.iterations), "iteration"),
+            # without an estimate the answers do not say whether the steps are short enough
+            "time error": f"time error {estimates.max():.2g}" if estimates.size else "time error not estimated",
         }
 
     @property
