@@ -362,7 +362,7 @@ def test_settings_need_the_plug_in_of_studies(made, tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(f"import hhr_dolfinx as hhr\nfrom your_scene import scene\nSETTINGS = {made}\n")
     monkeypatch.setattr(registry, "offered", lambda word: None)
     code, output = invoke("train", tmp_path / "mine.py")
-    assert code == 3 and "mine.py needs the plug-in 'studies', which is not installed" in output
+    assert code == 3 and "no installed plug-in reads the SETTINGS beside" in output and "mine.py" in output
 
 
 def contents():

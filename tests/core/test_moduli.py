@@ -137,5 +137,5 @@ def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, t
 def test_a_file_of_the_plug_in_is_refused_without_it(tmp_path, monkeypatch):
     hhr.save_model(tmp_path / "model.npz", hhr.condense(varied()))
     monkeypatch.setattr(registry, "installed", dict)
-    with pytest.raises(ModelFileError, match=r"holds a .* which is unknown here: install the plug-in that has it"):
+    with pytest.raises(ModelFileError, match=r"holds a .*: it belongs to the plug-in 'moduli', which is not installed"):
         hhr.load_model(tmp_path / "model.npz")

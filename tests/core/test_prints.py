@@ -57,7 +57,7 @@ def test_lines_say_what_is_there(values, training):
     )
     assert repr(values["answers of condensed"]) == "<ManyAnswers: 2 answers, 2 converged, 1 parameter>"
     assert repr(values["history"]).startswith("<History: 1 step, t = 0 to 1 s, ")
-    assert repr(values["history"]).endswith(", time error not estimated>")
+    assert repr(values["history"]).endswith(", time error 0>")
     assert "scene 'pressed_plane_strain', 4 full answers, 5 held out" in repr(training)
     assert repr(training.snapshots).startswith("<SnapshotSet: 4 answers, 1 parameter, ")
     assert "1 parameter (push)" in repr(values["condensed"]) and "exact" in repr(values["condensed"])

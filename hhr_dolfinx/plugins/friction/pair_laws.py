@@ -40,7 +40,7 @@ class _Tangential(KnownArguments, PairLaw):
 
     def check(self, scene: Any, what: str) -> None:
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
-        if coefficient is not None and (value := coefficient.value(scene.parameters.middle)) > LARGE:
+        if coefficient is not None and LARGE < (value := coefficient.value(scene.parameters.middle)) < ROUGH:
             angle = f"; of an angle of {value:g} degrees it is {np.tan(np.radians(value)):.3g}" if value < 90 else ""
             warn(
                 f"{what}: a coefficient of friction of {value:g} is more than rubber has, about 1. It is a ratio of "
@@ -122,6 +122,8 @@ def _check_constant(value: float | str, name: str) -> None:
 Law = Coulomb | Tresca
 LARGE = 5.0
 """Coefficient of friction in the middle of the box above which it may be an angle or a percentage."""
+ROUGH = 1e3
+"""Coefficient from which on it states surfaces that never slip."""
 STICK = 0.1
 """Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of pressures."""
 

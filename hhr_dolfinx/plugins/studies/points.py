@@ -117,14 +117,7 @@ def measure_points(
     references = References.at(points, full, training.snapshots, progress("references"))
     points = references.solutions.points
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
-    models: dict[str, Model] = {"fom_best": full, "online": model}
-    if isinstance(model, ReducedModel):
-        models["online_lapack"] = _twin(model, LapackLU)
-    alone = _twin(model, PetscLU)
-    whole: Queries = {
-        "online_forces": lambda point: alone.solve(point).forces(),
-        "online_full": _everywhere(_twin(model, PetscLU)),
-    }
+    models, whole = _queries_of(full, model)
     skipped = list(refused)
     errors = {"fom_best": references.errors(full), "online": references.errors(model)}
     offline = {}
@@ -165,6 +158,19 @@ def measure_points(
     small: dict[str, Any] = {"condensed": model} if refused else {}
     small |= {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model], Queries]:
+    """The full model and that under study, and its queries of all forces, and of fields and forces, by name."""
+    models: dict[str, Model] = {"fom_best": full, "online": model}
+    if isinstance(model, ReducedModel):
+        models["online_lapack"] = _twin(model, LapackLU)
+    alone = _twin(model, PetscLU)
+    whole: Queries = {
+        "online_forces": lambda point: alone.solve(point).forces(),
+        "online_full": _everywhere(_twin(model, PetscLU)),
+    }
+    return models, whole
 
 
 def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Report:

@@ -395,7 +395,7 @@ class Piling(Foundation):
 
 SYSTEMS = {
     NotExplicit: "`explicit` is not the derivative of `equations` along k",
-    OtherParts: "do not add up to K: return all of them, or None",
+    OtherParts: "states parts, and K of its equations differ from their sum",
     Forgetful: "it has no parts.. and is reduced all the same",
     Leaning: "is not symmetric",
     Piling: "other equations after another one",
@@ -467,7 +467,7 @@ class Variant:
 REDUCTORS = [
     (Variant(refuses=False), "its model calls itself exact and is off by .* young = .*: claim less, or refuse"),
     (Variant(factor=1.001), "its model calls itself exact and is off by"),
-    (Variant(factor=1.001, fields=Bounded), "off by more than its bound at .*: call that an estimate"),
+    (Variant(factor=1.001, fields=Bounded), "its model says a bound of .* and the error is .*"),
     (Variant(factor=1.5, fields=Rough), "its model promises 0.05 and is off by"),
     (Variant(Steep), "the gradient of its forces is not what differences give"),
     (Variant(Softer), "from a file answers otherwise"),

@@ -39,7 +39,10 @@ ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
 half = hhr.Nodes(lambda x: np.isclose(x[1], 1) & (x[0] < 0.3))
 soft = tuple(hhr.Body(tag, young=young, poisson=0.3) for tag, young in ((1, "E"), (2, 100.0)))
 box = {{"p": (0.1, 1.0), "E": (50.0, 200.0)}}
-path = column(Path({folder!r}) / f"bolt {{comm.size}} {{comm.rank}}.inp")
+path = Path({folder!r}) / f"bolt {{comm.size}}.inp"
+if comm.rank == 0:
+    column(path)
+comm.barrier()
 near = hhr.Obstacle(block.side(0, upper=True), (1, 0), 1.0)
 grounded = pressed(loads=(hhr.Pressure(TOP, "p"), hhr.Springs(TOP, 1, 30.0, "0.01 * p", bedding=True)))
 loads = hhr.BoltForce("CUT", "-5 * p"), hhr.Springs("HEAD", 2, 50.0, bedding=True)

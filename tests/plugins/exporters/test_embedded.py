@@ -219,7 +219,7 @@ def test_outputs_that_stay_out_are_named():
 def test_outputs_of_shapes_stay_out():
     shaped = hhr.condense(SCENES["shape"]())
     with (
-        pytest.warns(ModelFileWarning, match="peak, force stay out"),
+        pytest.warns(ModelFileWarning, match="the C header has no output peak, force"),
         pytest.raises(NotOfferedError, match="no outputs for it: peak, force"),
     ):
         fmu.write_fmu("never.fmu", shaped)

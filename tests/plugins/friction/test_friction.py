@@ -488,6 +488,7 @@ def test_the_command_knows_friction(tmp_path):
     assert np.abs(grid["friction_traction"]).max() > 0
 
 
+@pytest.mark.filterwarnings("ignore:.*more than rubber has")
 @pytest.mark.parametrize(
     ("coefficient", "said"), [(0.05, "one answer"), (30.0, "several answers possible")], ids=["little", "much"]
 )

@@ -36,7 +36,7 @@ def size(law):
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_no_random_step_fails_or_ends_in_a_false_answer(law):
     """Of the benchmark, with fewer points; softening, which has no answer, is named instead."""
-    found = laws.measured(law, 300)
+    found = laws.measured(law, 300, seed=0)
     assert found["false_answers"] == 0 and 0 < found["tangent"] < 1e-6
     assert found["failures"] == 0 or found["named"] == "its stress falls as strain grows"
 

@@ -17,6 +17,7 @@ from hhr_dolfinx.plugins.studies import report as figures
 def exact_report(condensed, reduced):
     return {
         "times": {"condensed_full": {"median": condensed}, "online_full": {"median": reduced}},
+        "work_precision": [{"method": "HHR"}],
         "errors": {"dual_full_floored": {"median": 1e-3, "p95": 2e-3, "max": 3e-3}},
     }
 
