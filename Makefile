@@ -146,12 +146,12 @@ without: setup
 # what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour.
 # tests/slow_report.json keeps how each file ended
 slow: setup
-	.venv/bin/python -m pytest -m slow --record tests/slow_report.json -n auto --maxprocesses 4 --dist worksteal
+	.venv/bin/python -m pytest -m slow --record=tests/slow_report.json -n auto --maxprocesses 4 --dist worksteal
 
 # one of six parts of these tests, chosen by the commit: what none of the others sees is seen a few commits later
 SLICE = $(shell echo $$((0x$$(git rev-parse --short=6 HEAD 2>/dev/null || echo 0) % 6)))/6
 slice: setup
-	.venv/bin/python -m pytest -m slow --slice $(SLICE) -n auto --maxprocesses 4 --dist worksteal
+	.venv/bin/python -m pytest -m slow --slice=$(SLICE) -n auto --maxprocesses 4 --dist worksteal
 
 # rules of studies and certify are changed one at a time, and changes that no test sees are printed: an hour
 mutants: setup
