@@ -15,6 +15,7 @@ from hhr_dolfinx.compat import extra
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.scene import Scene
 
 with extra("study", "the command hhr"):
@@ -55,14 +56,42 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
+    """Model with the mesh for the fields of a model in a file: that of a scene, or the model with its mesh beside it.
+
+    Raises:
+        UsageError: if nothing reads a mesh beside a model.
+        NotOfferedError: if no mesh lies beside it.
+    """
+    if scene is not None:
+        from hhr_dolfinx.command.loading import scene_of
+        from hhr_dolfinx.full_order.full import FullOrderModel
+
+        return FullOrderModel(scene_of(scene))
+    if model.fields.full is None:
+        raise click.UsageError("--out needs a mesh, which a model in a file has not: name the scene, --scene FILE.py")
+    model.fields.full.answer_mesh()  # refuses before the point is solved
+    return model
+
+
 @click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
 @click.option("--duration", type=float, help="for laws of bodies with rates: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
+@click.option(
+    "--scene", "meshed_by", help="with --out: the scene of a model in a file, for its mesh [that beside the model]"
+)
 @KNOWN
 @guarded
-def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
+def solve(
+    what: str,
+    words: tuple[str, ...],
+    duration: float | None,
+    out: Path | None,
+    meshed_by: str | None,
+    known: tuple[str, ...],
+) -> None:
     """Answer one parameter point, by a SCENE in full or by a reduced model from a file (.npz).
 
     Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
@@ -71,8 +100,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of, scene_of
 
     in_file = is_model(what)
-    if out is not None and in_file:
-        raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+    if meshed_by is not None and (out is None or not in_file):
+        raise click.UsageError("--scene has the mesh for the --out of a model in a file: leave it out")
     checked_target(out, FIELDS)
     if out is not None:
         write = registry.tool("fields", "--out, a file of fields,")
@@ -80,10 +109,11 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     scene = problem = None
     if in_file:
         model = model_of(what, known)
+        meshed = None if out is None else _meshed(model, meshed_by)
     else:
         from hhr_dolfinx.full_order.full import FullOrderModel
 
-        model = FullOrderModel(scene_of(what))
+        model = meshed = FullOrderModel(scene_of(what))
         scene = model.scene
         problem = model.problem
     middle = not (words or in_file)
@@ -120,5 +150,6 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
             click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
     if out is not None:
-        written, *_ = write(out, model, answer)
-        click.echo(f"fields: {written}")
+        written, *_ = write(out, meshed, answer)
+        limited = ", as far as the files beside the model have them: --scene FILE.py adds the rest"
+        click.echo(f"fields: {written}{limited if meshed is model and in_file else ''}")
