@@ -56,6 +56,23 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def _full_of(scene: str) -> Any:
+    from hhr_dolfinx.command.loading import scene_of
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
+    return FullOrderModel(scene_of(scene))
+
+
+def _checked_answer(full: Any, point: dict[str, float], step: dict[str, float]) -> Answer:
+    """Answer of a full model, whose strains are checked once it is there."""
+    from hhr_dolfinx.snapshots.records import SnapshotSet
+
+    with full.strains.paused():
+        answer = full.solve(point, **step)
+    full.strains.check(full, SnapshotSet.of_answers([answer], rows=full.spread))
+    return answer
+
+
 def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
     """Model with the mesh for the fields of a model in a file: that of a scene, or the model with its mesh beside it.
 
@@ -64,10 +81,7 @@ def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
         NotOfferedError: if no mesh lies beside it.
     """
     if scene is not None:
-        from hhr_dolfinx.command.loading import scene_of
-        from hhr_dolfinx.full_order.full import FullOrderModel
-
-        return FullOrderModel(scene_of(scene))
+        return _full_of(scene)
     if model.fields.full is None:
         raise click.UsageError("--out needs a mesh, which a model in a file has not: name the scene, --scene FILE.py")
     model.fields.full.answer_mesh()  # refuses before the point is solved
@@ -97,7 +111,7 @@ def solve(
     Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
     scene is solved in the middle of its box.
     """
-    from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of, scene_of
+    from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of
 
     in_file = is_model(what)
     if meshed_by is not None and (out is None or not in_file):
@@ -105,17 +119,9 @@ def solve(
     checked_target(out, FIELDS)
     if out is not None:
         write = registry.tool("fields", "--out, a file of fields,")
-    model: Any
-    scene = problem = None
-    if in_file:
-        model = model_of(what, known)
-        meshed = None if out is None else _meshed(model, meshed_by)
-    else:
-        from hhr_dolfinx.full_order.full import FullOrderModel
-
-        model = meshed = FullOrderModel(scene_of(what))
-        scene = model.scene
-        problem = model.problem
+    model = model_of(what, known) if in_file else _full_of(what)
+    meshed = _meshed(model, meshed_by) if in_file and out is not None else model
+    scene, problem = (None, None) if in_file else (model.scene, model.problem)
     middle = not (words or in_file)
     point = point_of(words, model.parameters, others=model.parameters.middle if middle else None)
     step = {}
@@ -123,14 +129,7 @@ def solve(
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
         raise click.UsageError("all bodies are elastic: leave out --duration")
-    if in_file:
-        answer = model.solve(point, **step)
-    else:
-        from hhr_dolfinx.snapshots.records import SnapshotSet
-
-        with model.strains.paused():
-            answer = model.solve(point, **step)
-        model.strains.check(model, SnapshotSet.of_answers([answer], rows=model.spread))
+    answer = model.solve(point, **step) if in_file else _checked_answer(model, point, step)
     rows = {f"{name}, middle of its box": value for name, value in point.items()} if middle else {}
     rows |= {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))

@@ -10,14 +10,13 @@ from dolfinx.plot import vtk_mesh
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.full_order.discretisation import Discretisation
 
 
-def answer_mesh_of(full: FullOrderModel) -> AnswerMesh:
-    """Mesh of a full model, on each of its ranks. Collective."""
-    problem = full.problem
-    scene = full.scene
-    discretisation = full.discretisation
+def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> AnswerMesh:
+    """Mesh of a full model with its contact problem, on each of its ranks. Collective."""
+    scene = discretisation.scene
     space = discretisation.space
     cells, kinds, _ = vtk_mesh(space)
     # columns of the dofmap in the order of VTK, by the first cell of the rank; none of a rank without cells
@@ -34,7 +33,7 @@ def answer_mesh_of(full: FullOrderModel) -> AnswerMesh:
         contacts=tuple(problem.pressing_of(place) for place in range(len(scene.contacts))),
         name=scene.name,
         axisymmetric=scene.hypothesis == "axisymmetric",
-        parameters=tuple(full.parameters.names),
+        parameters=tuple(scene.parameters.names),
         length="" if scene.units is None else scene.units.length,
         stress="" if scene.units is None else scene.units.stress,
     )

@@ -295,7 +295,7 @@ class FullOrderModel(FullModel):
 
     def answer_mesh(self) -> AnswerMesh:
         """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
-        return answer_mesh_of(self)
+        return answer_mesh_of(self.discretisation, self.problem)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
