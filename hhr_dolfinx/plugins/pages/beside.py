@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
+from hhr_dolfinx.models.condensed import CondensedModel
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.plugins.pages.scenery import Scenery, Strains
 
@@ -22,10 +25,11 @@ class MeshBeside:
     """Scenery beside a model file, read when it is used; see :class:`~hhr_dolfinx.models.answer.Meshed`."""
 
     model: Path
+    loaded: Callable[[], KeptModel]  # the model of this file, to compare
 
     @cached_property
     def _scenery(self) -> Scenery:
-        """The scenery; NotOfferedError if there is none, or if the shape of its mesh varies."""
+        """The scenery; NotOfferedError if there is none, it is of another scene, or the shape of its mesh varies."""
         from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
 
         try:
@@ -39,6 +43,11 @@ class MeshBeside:
                 f"shapes of bodies are parameters, and the {NAME} beside {self.model} has those in the middle of the "
                 f"box alone: {FULL}"
             )
+        # the answers of others do not have S of the whole surface: the numbers of their forces and dofs are compared
+        if isinstance(model := self.loaded(), CondensedModel):
+            from hhr_dolfinx.plugins.pages.page import check_alike
+
+            check_alike(model, scenery)
         return scenery
 
     @property

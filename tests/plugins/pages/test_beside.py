@@ -149,10 +149,12 @@ def test_with_friction_pressures_are_those_of_normals(kept, tmp_path):
 
 
 @needs("checks")
-def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path):
+def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path, monkeypatch):
     model = tmp_path / "alone.npz"
     model.write_bytes(kept("quadrilaterals")[1].read_bytes())
-    loaded = hhr.load_model(model)
+    monkeypatch.chdir(tmp_path)
+    loaded = hhr.load_model("alone.npz")
+    monkeypatch.chdir(tmp_path.parent)  # the path of the file counts, not where it is asked
     answer = loaded.solve(0.05)
     why = (
         rf"there is no scenery.npz beside {model}, and a model in a file has no mesh: name the scene, --scene FILE.py, "
@@ -189,15 +191,18 @@ def test_other_sceneries_are_refused(kept, tmp_path):
     with pytest.raises(NotOfferedError, match="shapes of bodies are parameters"):
         with_scenery(dataclasses.replace(scenery, moves=True)).pressure()
     other = hhr.scenery_of(kept("hexahedra")[0])
-    with pytest.raises(NotOfferedError, match="it is of another scene"):
+    with pytest.raises(NotOfferedError, match="they are of two scenes or meshes"):
         with_scenery(other).pressure()
+    softer = hhr.scenery_of(hhr.FullOrderModel(pressed_block("plane_strain", young=2.0), MPI.COMM_SELF))
+    with pytest.raises(NotOfferedError, match="its contact is stiffer or softer"):
+        with_scenery(softer).pressure()
     finer = hhr.scenery_of(hhr.FullOrderModel(pressed_block("plane_strain", simplices=True), MPI.COMM_SELF))
     cut = dataclasses.replace(finer.mesh, all_points=finer.mesh.all_points[:-1])
     with pytest.raises(FileContentError, match="name nodes that are not there"):
         with_scenery(dataclasses.replace(finer, mesh=cut)).pressure()
-    longer = dataclasses.replace(finer.mesh, all_points=np.vstack([finer.mesh.all_points, np.zeros(2)]))
+    longer = dataclasses.replace(scenery.mesh, all_points=np.vstack([scenery.mesh.all_points, np.zeros(2)]))
     with pytest.raises(NotOfferedError, match="they are of two scenes or meshes"):
-        with_scenery(dataclasses.replace(finer, mesh=longer)).plot()
+        with_scenery(dataclasses.replace(scenery, mesh=longer)).plot()
 
 
 ALONE = """
