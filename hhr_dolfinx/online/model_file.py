@@ -143,7 +143,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
             raise FileContentError(f"its header has the keys {sorted(header)}")
         beside = registry.offered("mesh_beside")
         of_the_mesh = {} if beside is None else {"full": beside(Path(path).absolute(), lambda: model)}
-        model = restored(header["model"], arrays, kinds, of_the_mesh)
+        model: KeptModel = restored(header["model"], arrays, kinds, of_the_mesh)
         if not isinstance(model, KeptModel):
             raise FileContentError(f"a {type(model).__name__} is no model")
         check_answers(model)
