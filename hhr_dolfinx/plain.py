@@ -48,6 +48,7 @@ _SHOWN = 60
 
 
 _NO_KINDS: Mapping[str, type] = MappingProxyType({})
+_NO_FIELDS: Mapping[str, object] = MappingProxyType({})
 CODE = MappingProxyType({"kept": False})
 """Metadata of a field that is code, which files omit: it has a default."""
 OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
@@ -94,15 +95,22 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
     return tree, writer.arrays
 
 
-def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
+def restored(
+    tree: object,
+    arrays: Mapping[str, np.ndarray],
+    kinds: Mapping[str, type],
+    of_the_mesh: Mapping[str, object] = _NO_FIELDS,
+) -> Any:
     """Build a value from the result of :func:`as_plain`; tuples may have become lists, as in JSON.
+
+    Fields with the metadata OF_THE_MESH get the values of their names in ``of_the_mesh``.
 
     Raises:
         ModelFileError: for a class that is not in ``kinds``, with advice.
         FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
             their class, and for arrays without a field.
     """
-    return _Reader(arrays, kinds).whole(tree)
+    return _Reader(arrays, kinds, of_the_mesh).whole(tree)
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
@@ -195,9 +203,15 @@ _PARTS = ("data", "indices", "indptr")
 class _Reader:
     """Construction of values from a tree, arrays and the classes that the file may contain."""
 
-    def __init__(self, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]):
+    def __init__(
+        self,
+        arrays: Mapping[str, np.ndarray],
+        kinds: Mapping[str, type],
+        of_the_mesh: Mapping[str, object] = _NO_FIELDS,
+    ):
         self.arrays = arrays
         self.kinds = kinds
+        self._of_the_mesh = of_the_mesh
         self._made: dict[str, np.ndarray] = {}
         self._zeros_left = FREE_ZEROS + ZEROS_PER_ENTRY * sum(map(np.size, arrays.values()))
         self._used: set[str] = set()
@@ -244,6 +258,9 @@ class _Reader:
             place = f"{path}.{key}".lstrip(".")
             fields[key] = self._field(self.value(given[key], place, own, depth + 1), name, place, node, own)
         own.check_known(last=whole)
+        if dataclasses.is_dataclass(kind):
+            omitted = {item.name for item in dataclasses.fields(kind) if not item.metadata.get("copied", True)}
+            fields |= {key: self._of_the_mesh[key] for key in omitted & self._of_the_mesh.keys()}
         try:
             made = getattr(kind, "from_file", kind)(**fields)
             faults = list(made.faults(own.shared)) if hasattr(kind, "faults") else []

@@ -15,6 +15,7 @@ from hhr_dolfinx.compat import extra
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.scene import Scene
 
 with extra("study", "the command hhr"):
@@ -55,37 +56,72 @@ def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
+def _full_of(scene: str) -> Any:
+    from hhr_dolfinx.command.loading import scene_of
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
+    return FullOrderModel(scene_of(scene))
+
+
+def _checked_answer(full: Any, point: dict[str, float], step: dict[str, float]) -> Answer:
+    """Answer of a full model, whose strains are checked once it is there."""
+    from hhr_dolfinx.snapshots.records import SnapshotSet
+
+    with full.strains.paused():
+        answer = full.solve(point, **step)
+    full.strains.check(full, SnapshotSet.of_answers([answer], rows=full.spread))
+    return answer
+
+
+def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
+    """Model with the mesh for the fields of a model in a file: that of a scene, or the model with its mesh beside it.
+
+    Raises:
+        UsageError: if nothing reads a mesh beside a model.
+        NotOfferedError: if no mesh lies beside it.
+    """
+    if scene is not None:
+        return _full_of(scene)
+    if model.fields.full is None:
+        raise click.UsageError("--out needs a mesh, which a model in a file has not: name the scene, --scene FILE.py")
+    model.fields.full.answer_mesh()  # refuses before the point is solved
+    return model
+
+
 @click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
 @click.option("--duration", type=float, help="for laws of bodies with rates: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
+@click.option(
+    "--scene", "meshed_by", help="with --out: the scene of a model in a file, for its mesh [that beside the model]"
+)
 @KNOWN
 @guarded
-def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
+def solve(
+    what: str,
+    words: tuple[str, ...],
+    duration: float | None,
+    out: Path | None,
+    meshed_by: str | None,
+    known: tuple[str, ...],
+) -> None:
     """Answer one parameter point, by a SCENE in full or by a reduced model from a file (.npz).
 
     Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
     scene is solved in the middle of its box.
     """
-    from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of, scene_of
+    from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of
 
     in_file = is_model(what)
-    if out is not None and in_file:
-        raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+    if meshed_by is not None and (out is None or not in_file):
+        raise click.UsageError("--scene has the mesh for the --out of a model in a file: leave it out")
     checked_target(out, FIELDS)
     if out is not None:
         write = registry.tool("fields", "--out, a file of fields,")
-    model: Any
-    scene = problem = None
-    if in_file:
-        model = model_of(what, known)
-    else:
-        from hhr_dolfinx.full_order.full import FullOrderModel
-
-        model = FullOrderModel(scene_of(what))
-        scene = model.scene
-        problem = model.problem
+    model = model_of(what, known) if in_file else _full_of(what)
+    meshed = _meshed(model, meshed_by) if in_file and out is not None else model
+    scene, problem = (None, None) if in_file else (model.scene, model.problem)
     middle = not (words or in_file)
     point = point_of(words, model.parameters, others=model.parameters.middle if middle else None)
     step = {}
@@ -93,14 +129,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
         raise click.UsageError("all bodies are elastic: leave out --duration")
-    if in_file:
-        answer = model.solve(point, **step)
-    else:
-        from hhr_dolfinx.snapshots.records import SnapshotSet
-
-        with model.strains.paused():
-            answer = model.solve(point, **step)
-        model.strains.check(model, SnapshotSet.of_answers([answer], rows=model.spread))
+    answer = model.solve(point, **step) if in_file else _checked_answer(model, point, step)
     rows = {f"{name}, middle of its box": value for name, value in point.items()} if middle else {}
     rows |= {"seconds of one step from rest": step["duration"]} if step else {}
     rows |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))
@@ -120,5 +149,6 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
             click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
     if out is not None:
-        written, *_ = write(out, model, answer)
-        click.echo(f"fields: {written}")
+        written, *_ = write(out, meshed, answer)
+        limited = ", as far as the files beside the model have them: --scene FILE.py adds the rest"
+        click.echo(f"fields: {written}{limited if meshed is model and in_file else ''}")

@@ -18,6 +18,7 @@ from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import HHRError, NotOfferedError, SceneError
+from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.system import System, check_parts, system_of
@@ -25,6 +26,7 @@ from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, CheckedStart
+from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.full import FullModel, Guard
@@ -290,6 +292,10 @@ class FullOrderModel(FullModel):
     def full(self) -> FullOrderModel:
         """The model itself; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
+
+    def answer_mesh(self) -> AnswerMesh:
+        """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
+        return answer_mesh_of(self.discretisation, self.problem)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""

@@ -22,6 +22,7 @@ from hhr_dolfinx.trained import USUAL
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.models.answer_mesh import AnswerMesh
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -38,10 +39,13 @@ CheckedStart = str | np.ndarray | None
 
 
 class Meshed(Protocol):
-    """Full model as answers use it: pressures and pictures need its mesh."""
+    """Full model as answers use it, or the mesh that lies beside a model file: pressures and pictures need it."""
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
+
+    def answer_mesh(self) -> AnswerMesh:
+        """Mesh and contact surface for figures and files; collective over the ranks of a full model."""
 
 
 class Completion(Protocol):
@@ -107,7 +111,7 @@ class ModelFields:
 
     @property
     def full(self) -> Meshed | None:
-        """The full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process."""
+        """The full model, which has the mesh, or the file of the mesh beside that of the model; None of a copy."""
         return None
 
     @property
@@ -246,10 +250,12 @@ class Answer(NamedTuple):
         Other conditions than those of pressures have tractions. Conditions without an area are NaN.
 
         Args:
-            full: the full model, whose mesh has the areas; not needed in the process that built the model.
+            full: the full model, whose mesh has the areas; not needed in the process that built the model, nor by a
+                model from a file if the commands left the mesh beside it, ``scenery.npz``.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file, without ``full``; or if no condition has an area.
+            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or if no condition has
+                an area.
         """
         areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(self.parameter)
         forces = self.forces()
@@ -269,7 +275,8 @@ class Answer(NamedTuple):
             full: see :meth:`pressure`.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file, without ``full``; or without a plug-in that draws.
+            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or without a plug-in
+                that draws.
             MissingPackageError: without matplotlib.
         """
         draw = registry.tool("drawing", "a figure of an answer")

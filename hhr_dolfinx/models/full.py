@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.group import Group
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
+    from hhr_dolfinx.models.answer_mesh import AnswerMesh
     from hhr_dolfinx.models.functionals.functional import AllOutputs, Functionals
     from hhr_dolfinx.parameters import PointLike, PointsLike
 
@@ -212,6 +213,10 @@ class FullModel(AnsweringModel, ElasticFields):
     @abstractmethod
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells, components)."""
+
+    @abstractmethod
+    def answer_mesh(self) -> AnswerMesh:
+        """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""

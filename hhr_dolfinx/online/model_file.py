@@ -141,7 +141,9 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     try:
         if header.keys() != {"format", "version", "model"}:
             raise FileContentError(f"its header has the keys {sorted(header)}")
-        model = restored(header["model"], arrays, kinds)
+        beside = registry.offered("mesh_beside")
+        of_the_mesh = {} if beside is None else {"full": beside(Path(path).absolute(), lambda: model)}
+        model: KeptModel = restored(header["model"], arrays, kinds, of_the_mesh)
         if not isinstance(model, KeptModel):
             raise FileContentError(f"a {type(model).__name__} is no model")
         check_answers(model)

@@ -9,7 +9,7 @@ PLUGIN = Plugin(
     public={f"{_HERE}.fields": "write_fields", f"{_HERE}.mesh_error": "MeshError mesh_error"},
     commands={"check": f"{_HERE}.commands:check"},
     tools={
-        "drawing": f"{_HERE}.drawing:figure_of",
+        "drawing": f"{_HERE}.figures:figure_of",
         "fields": f"{_HERE}.fields:write_fields",
         "mesh_error": f"{_HERE}.mesh_error:mesh_error",
     },

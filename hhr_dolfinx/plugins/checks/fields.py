@@ -7,32 +7,40 @@ import os
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeGuard
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from dolfinx.plot import vtk_mesh
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import FileError, SceneError
+from hhr_dolfinx.errors import FileError, NotOfferedError, SceneError
 from hhr_dolfinx.files import make_folder, replacing
-from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.answer import Answer, History, Meshed
+from hhr_dolfinx.models.answer_mesh import AnswerMesh
+from hhr_dolfinx.models.model import AnsweringModel
 
 with extra("pictures", "fields for ParaView"):
     import pyvista
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
 ENDINGS = (".vtkhdf", ".vtu")
 
 
-def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | History) -> list[Path]:
+def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | History) -> list[Path]:
     """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what laws of contacts add.
+
+    Of a model from a file with the mesh beside it, ``scenery.npz``, gaps, what laws of contacts add, and stress tensors
+    of elastic bodies are left out; von Mises' stress of elastic bodies is there in the plane.
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
             are listed with their times in a collection next to them, ``.pvd``, or ``.vtkhdf.series``.
-        full: the model of the mesh, on one rank; the answers may be those of a reduced model of its scene.
+        full: the full model, on one rank, or any model that has its mesh, in memory or beside its file; the answers may
+            be those of another model of its scene.
         answer: an answer, or a history.
 
     Returns:
@@ -40,25 +48,28 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
     Raises:
         FileError: for another ending, or a VTK that cannot write it.
-        SceneError: on several ranks, or for a model without a mesh, such as one from a file.
+        SceneError: on several ranks, or for a model without a mesh, such as a copy.
+        NotOfferedError: for a model from a file without the mesh beside it.
     """
     path = Path(path)
     if path.suffix not in ENDINGS:
         raise FileError(f"{path}: fields are written as {' or '.join(ENDINGS)}")
-    if not hasattr(full, "discretisation"):
+    meshed = full.fields.full if isinstance(full, AnsweringModel) else None
+    if meshed is None:
         raise SceneError(
             f"fields need a mesh, and a {type(full).__name__} has none: give FullOrderModel(scene) of its scene. The "
             "answer may be that of any model of the scene, one from a file too"
         )
-    if full.comm.size > 1:
+    if _is_full(meshed) and meshed.comm.size > 1:
         raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
+    meshed.answer_mesh()  # refuses before a folder is made
     make_folder(path.parent)
     if not isinstance(answer, History):
-        return [_written(path, grid_of(full, answer))]
+        return [_written(path, grid_of(meshed, answer))]
     steps = list(answer.answers)
     names = [path.with_stem(f"{path.stem}_{k:04d}") for k in range(len(steps))]
     for name, step in zip(names, steps, strict=True):
-        _written(name, grid_of(full, step))
+        _written(name, grid_of(meshed, step))
     times = {name.name: step.time for name, step in zip(names, steps, strict=True)}
     return [_collection(path, times), *names]
 
@@ -91,38 +102,67 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
     return path
 
 
-def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
-    """The mesh with all fields of an answer."""
-    problem = full.problem.at(answer.parameter)
+def _is_full(meshed: Meshed) -> TypeGuard[FullOrderModel]:
+    """True for a full model, which has more than arrays of its mesh."""
+    return hasattr(meshed, "discretisation")
+
+
+def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
+    """The mesh with all fields of an answer that it can have."""
+    mesh = meshed.answer_mesh()
     # points are the nodes of the space, in the order of its dofs
-    grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
-    theta = problem.amplitudes(answer.parameter)
-    displacement = answer.displacement()
-    vectors = displacement.reshape(grid.n_points, -1)
+    vectors = mesh.nodal(answer.displacement())
+    padding = ((0, 0), (0, 3 - vectors.shape[1]))
+    cells = np.insert(mesh.cells, 0, mesh.cells.shape[1], axis=1)
+    kinds = np.full(len(cells), mesh.kind, dtype=np.uint8)
+    grid = pyvista.UnstructuredGrid(cells.ravel(), kinds, np.pad(mesh.points, padding))
     pressure = np.zeros(grid.n_points)
-    gap = np.full(grid.n_points, np.nan)
-    pressing = problem.pressing
-    slaves = problem.contact_slaves[pressing]
     forces = answer.forces()
-    if len(forces) != len(problem.contact_areas):
+    areas = meshed.areas(answer.parameter)
+    if len(forces) != len(areas):
         raise SceneError(
-            f"the answer has {len(forces)} forces, and {full.scene.name} {len(problem.contact_areas)} contact "
-            "conditions: it is of another scene, or of bodies that slide past their mesh, whose fields are not built in"
+            f"the answer has {len(forces)} forces, and {mesh.name} {len(areas)} contact conditions: it is of another "
+            "scene, or of bodies that slide past their mesh, whose fields are not built in"
         )
-    slack = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
-    np.add.at(pressure, slaves, (forces / problem.contact_areas)[pressing])
-    gap[slaves] = slack[pressing]
+    pressing = mesh.pressing
+    np.add.at(pressure, mesh.slaves[pressing], forces[pressing] / areas[pressing])
+    grid.point_data["displacement"] = np.pad(vectors, padding)
+    grid.point_data["contact_pressure"] = pressure
+    if _is_full(meshed):
+        _add_contact(grid, meshed, answer, mesh)
+    _add_stress(grid, meshed, answer, mesh)
+    grid.cell_data["body"] = mesh.bodies
+    return grid
+
+
+def _add_contact(grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: Answer, mesh: AnswerMesh) -> None:
+    """Gaps at nodes, and what laws of contacts add."""
+    problem = full.problem.at(answer.parameter)
+    theta = problem.amplitudes(answer.parameter)
+    slack = problem.gaps @ theta - problem.contact @ (answer.displacement() - problem.lifts @ theta)
+    gap = np.full(grid.n_points, np.nan)
+    gap[mesh.slaves[mesh.pressing]] = slack[mesh.pressing]
+    grid.point_data["gap"] = gap
     if problem.law.plugin:
         report = registry.facet(problem.law.plugin, "report", f"a file of fields with {problem.law.name}")
-        for name, values in report.point_fields(problem, answer, forces).items():
+        for name, values in report.point_fields(problem, answer, answer.forces()).items():
             grid.point_data[name] = values
-    grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-    grid.point_data["contact_pressure"] = pressure
-    grid.point_data["gap"] = gap
-    # a model from a file has no stress without the mesh
-    found = full.stress_of(displacement, answer.parameter) if full.equilibrium is None else answer.stress()
-    stress = found.reshape(grid.n_cells, -1, found.shape[-1]).mean(axis=1)
+
+
+def _add_stress(grid: pyvista.UnstructuredGrid, meshed: Meshed, answer: Answer, mesh: AnswerMesh) -> None:
+    """Stress of cells, and von Mises' stress; without a full model what the files beside a model have of them."""
+    if _is_full(meshed) and meshed.equilibrium is None:  # a model from a file has no stress without the mesh
+        stress = meshed.stress_of(answer.displacement(), answer.parameter)
+    elif mesh.von_mises is not None:
+        grid.cell_data["von_mises"] = mesh.von_mises(answer.displacement(), answer.parameter)
+        return
+    else:
+        try:
+            stress = answer.stress()
+        except NotOfferedError:
+            if _is_full(meshed):
+                raise
+            return
+    stress = stress.reshape(grid.n_cells, -1, stress.shape[-1]).mean(axis=1)
     grid.cell_data["stress_kelvin"] = stress
     grid.cell_data["von_mises"] = von_mises(stress)
-    grid.cell_data["body"] = full.discretisation.cell_bodies()
-    return grid

@@ -11,5 +11,6 @@ PLUGIN = Plugin(
         "hhr_dolfinx.plugins.pages.scenery_of": "scenery_of",
     },
     commands={"page": "hhr_dolfinx.plugins.pages.commands:page"},
+    tools={"mesh_beside": "hhr_dolfinx.plugins.pages.beside:MeshBeside"},
     companions=("hhr_dolfinx.plugins.pages.scenery_of:write_scenery",),
 )

@@ -54,6 +54,16 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
         FileError: if the file cannot be written.
     """
     check_for_page(model)
+    check_alike(model, scenery)
+    text = page_text(model, scenery)
+    _check_size(len(text.encode()), model)
+    with replacing(path, text=True) as file:
+        file.write(text)
+    return Path(path)
+
+
+def check_alike(model: Any, scenery: Scenery) -> None:
+    """Refuse a scenery of another scene or mesh than a model that keeps all contact conditions."""
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
@@ -67,11 +77,6 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     own = there.schur.sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
-    text = page_text(model, scenery)
-    _check_size(len(text.encode()), model)
-    with replacing(path, text=True) as file:
-        file.write(text)
-    return Path(path)
 
 
 def check_for_page(model: object) -> None:

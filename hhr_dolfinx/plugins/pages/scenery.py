@@ -20,6 +20,8 @@ FORMAT = "hhr scenery"
 VERSION = 2
 NAME = "scenery.npz"
 _ROWS = ("data", "indices", "indptr")
+_MESH = ("all_points", "all_cells", "cell_bodies", "slaves", "pressing")
+_NAMES_OF_MESH = ("kind", "parameters")
 _ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs", "compliance")
 
 
@@ -64,6 +66,30 @@ class Strains:
         return "" if np.isfinite(self.rows.data).all() else "strains are not finite"
 
 
+@dataclass(frozen=True, eq=False)
+class WholeMesh:
+    """All nodes and cells of a mesh, for figures and files of fields; its other names and points are the scenery's."""
+
+    all_points: np.ndarray  # coordinates of all nodes, (n, dim)
+    all_cells: np.ndarray  # their nodes in the order of VTK, (c, k)
+    cell_bodies: np.ndarray  # body of each cell, (c,)
+    slaves: np.ndarray  # node that carries each condition, (m,)
+    pressing: np.ndarray  # conditions of pressures, (m,) bool
+    kind: int  # VTK's number of the kind of cell
+    parameters: tuple[str, ...]
+
+    def fault(self, conditions: int, dim: int) -> str:
+        """Description of an inconsistency, or an empty text."""
+        wholes = [self.all_cells, self.cell_bodies, self.slaves]
+        if any(array.dtype.kind not in "iu" for array in wholes) or self.pressing.dtype.kind != "b":
+            return "numbers of nodes, bodies or conditions are no whole numbers"
+        shapes = self.all_points.shape[1:], self.slaves.shape, self.pressing.shape, self.cell_bodies.shape
+        fits = shapes == ((dim,), (conditions,), (conditions,), (len(self.all_cells),)) and self.all_cells.ndim == 2
+        numbers = np.concatenate([self.all_cells.ravel(), self.slaves])
+        fits = fits and 0 <= numbers.min(initial=0) <= numbers.max(initial=0) < len(self.all_points)
+        return "" if fits else "cells or conditions of the whole mesh name nodes that are not there"
+
+
 @dataclass(frozen=True)
 class Scenery:
     """Mesh, contact points and names of a scene, to draw them.
@@ -81,6 +107,7 @@ class Scenery:
         moves: True if shapes are parameters: areas are then those at the middle of the box.
         strains: of the drawn cells; None if their stress does not follow from displacements alone.
         owners: cell of each triangle in an inelastic model, (t,), set by the model; else None.
+        mesh: all nodes and cells; None in files of earlier releases.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length``,
             ``stress``, ``force`` and ``work`` (units, or nothing), ``units`` of parameters by name.
     """
@@ -98,6 +125,7 @@ class Scenery:
     words: dict[str, Any]
     strains: Strains | None = None
     owners: np.ndarray | None = None
+    mesh: WholeMesh | None = None
 
     def write(self, path: str | Path) -> None:
         """Write it to a file."""
@@ -108,6 +136,9 @@ class Scenery:
             header |= {"moduli": own.moduli, "plane_stress": own.plane_stress, "dofs": own.rows.shape[1]}
             arrays |= {"cells": own.cells, "bodies": own.bodies}
             arrays |= {name: getattr(own.rows, name) for name in _ROWS}
+        if self.mesh is not None:
+            header["mesh"] = {name: getattr(self.mesh, name) for name in _NAMES_OF_MESH}
+            arrays |= {name: getattr(self.mesh, name) for name in _MESH}
         write_arrays(path, header, arrays)
 
     @classmethod
@@ -124,9 +155,10 @@ class Scenery:
         own = {name: arrays[name] for name in _ARRAYS} | {"shares": arrays.get("shares", np.zeros((0, 3)))}
         try:
             strains = _strains(header, arrays) if "moduli" in header else None
+            mesh = _mesh(header["mesh"], arrays) if "mesh" in header else None
         except (KeyError, TypeError, ValueError) as error:
-            raise FileContentError(f"{path} is damaged: its strains are not whole ({error})") from error
-        found = cls(**own, moves=bool(header.get("moves")), words=header.get("words", {}), strains=strains)
+            raise FileContentError(f"{path} is damaged: its strains or its mesh are not whole ({error})") from error
+        found = cls(**own, moves=bool(header.get("moves")), words=header.get("words", {}), strains=strains, mesh=mesh)
         if fault := found._fault():
             raise FileContentError(f"{path} is damaged: {fault}")
         return found
@@ -154,8 +186,17 @@ class Scenery:
         named = named and len(self.words.get("contacts", ())) > self.pairs.max(initial=-1)
         if not named or not isinstance(self.moves, bool):
             return "it has no words"
+        if self.mesh is not None and (fault := self.mesh.fault(m, self.points.shape[1])):
+            return fault
         own = self.strains
         return "" if own is None else own.fault(len(self.triangles), len(own.moduli))
+
+
+def _mesh(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> WholeMesh:
+    """Whole mesh of a file; :meth:`WholeMesh.fault` reports an invalid one."""
+    names = tuple(str(name) for name in header["parameters"])
+    own = {name: arrays[name] for name in _MESH}
+    return WholeMesh(**own, kind=int(header["kind"]), parameters=names)
 
 
 def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:

@@ -12,7 +12,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
+from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains, WholeMesh
 from hhr_dolfinx.plugins.stress.mesh import moduli_of, strains_of_cells
 from hhr_dolfinx.scene import Scene
 
@@ -66,6 +66,20 @@ def scenery_of(full: FullOrderModel) -> Scenery:
         bool(full.scene.shapes),
         _words(full.scene),
         strains_of(full, np.tile(owners, len(parts))),
+        mesh=_whole_mesh(full),
+    )
+
+
+def _whole_mesh(full: FullOrderModel) -> WholeMesh:
+    mesh = full.answer_mesh()
+    return WholeMesh(
+        all_points=np.ascontiguousarray(mesh.points),
+        all_cells=np.ascontiguousarray(mesh.cells, dtype=np.int64),
+        cell_bodies=mesh.bodies.astype(np.int64),
+        slaves=mesh.slaves.astype(np.int64),
+        pressing=full.problem.pressing.copy(),
+        kind=mesh.kind,
+        parameters=mesh.parameters,
     )
 
 

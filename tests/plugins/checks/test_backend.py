@@ -9,7 +9,11 @@ from scenes import pressed_pair
 import hhr_dolfinx as hhr
 
 matplotlib = pytest.importorskip("matplotlib")
-MODULES = ["hhr_dolfinx.plugins.checks.drawing", "hhr_dolfinx.plugins.studies.plots"]
+MODULES = [
+    "hhr_dolfinx.plugins.checks.drawing",
+    "hhr_dolfinx.plugins.checks.figures",
+    "hhr_dolfinx.plugins.studies.plots",
+]
 
 
 @needs("checks")
