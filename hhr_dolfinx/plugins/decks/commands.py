@@ -35,6 +35,8 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
     from hhr_dolfinx.files import replacing
     from hhr_dolfinx.plugins.decks.write import scene_text
 
+    if file.is_dir():
+        raise FileError(f"{file} is a folder: name a deck, a command file or a mesh in it")
     target = to or file.with_suffix(".py")
     checked_target(target, (".py",))
     if target.exists() and not force:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 
 from hhr_dolfinx.errors import FileContentError
@@ -340,12 +341,16 @@ TABLE: Mapping[str, Keyword] = {
 _INCLUDED = ("", "INPUT")
 """Options of any keyword that are read with its lines: a line that goes on, and a file of data lines."""
 _COLUMNS = ((READ,), (IDLE,), (LEFT, OUT), (REFUSED,))
-UNKNOWN = Keyword(Rule(LEFT, "no counterpart"))
 
 
 def keyword_of(name: str) -> Keyword:
-    """Outcome of a keyword in capitals, that of a keyword without counterpart if it is unknown."""
-    return TABLE.get(name, Keyword(Rule(IDLE)) if name.endswith(_OUTPUT) else UNKNOWN)
+    """Outcome of a keyword in capitals; an unknown one is a TODO line with the known one that is nearly the same."""
+    if name in TABLE:
+        return TABLE[name]
+    if name.endswith(_OUTPUT):
+        return Keyword(Rule(IDLE))
+    near = get_close_matches(name, TABLE, n=1, cutoff=0.8)
+    return Keyword(Rule(LEFT, f"no counterpart: is *{near[0]} meant?" if near else "no counterpart"))
 
 
 def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:

@@ -491,6 +491,8 @@ def test_a_file_that_is_there_stays(tmp_path):
     assert code == 0 and "force, middle of its box: 2.5" in output
     assert invoke("check", tmp_path / "deck.py", "--picture", tmp_path / "deck.png")[0] == 0
     assert invoke("start", tmp_path / "none.inp")[0] == 3
+    code, output = invoke("start", tmp_path)
+    assert code == 3 and "is a folder: name a deck" in output
 
 
 def test_a_part_in_two_instances(tmp_path):

@@ -211,3 +211,8 @@ def test_all_outcomes_are_in_the_table():
 def test_the_documentation_has_the_table():
     """Write the rows that this has into docs/decks.md if it fails."""
     assert "\n".join(rows_of_docs()) in DOCS.read_text("utf-8")
+
+
+def test_a_misspelt_keyword_is_named_with_the_right_one():
+    assert keywords.keyword_of("BOUNDRY").rule.why == "no counterpart: is *BOUNDARY meant?"
+    assert keywords.keyword_of("NOWHERE TO BE READ").rule.why == "no counterpart"
