@@ -61,8 +61,9 @@ def commands(page):
 
 
 def in_text(page):
-    """Commands of ``hhr`` within the sentences of a page that name a file or an option."""
-    return [line for line in re.findall(r"`(hhr \S[^`\n]*)`", lines_of(page)[1]) if len(line.split()) > 2]
+    """Commands of ``hhr`` within the sentences of a page that name a file; others name their verb alone."""
+    found = re.findall(r"`(hhr [a-z]+ [^`\n]*)`", lines_of(page)[1])
+    return [line for line in found if re.match(r"\w[\w/]*\.\w+$", line.split()[2])]
 
 
 def test_commands_are_found():
@@ -71,7 +72,7 @@ def test_commands_are_found():
     assert min(map(len, found.values())) >= 1 and sum(map(len, found.values())) >= 18
     verbs = {line.split()[1] for lines in found.values() for line in lines if line.startswith("hhr ")}
     assert verbs >= {"check", "solve", "reduce", "page", "embed", "train", "answer", "study"}
-    assert len(in_text("docs/how_to.md")) > 9 and len(commands("docs/decks.md")) > 6
+    assert len(in_text("docs/how_to.md")) > 8 and len(commands("docs/decks.md")) > 6
 
 
 def run(line, page):
@@ -112,6 +113,9 @@ def test_commands_of_the_docs_run_in_order_in_one_folder(tmp_path, monkeypatch):
 ELSEWHERE = {
     "hhr serve model.npz --port 4242": "tests/plugins/doors/test_doors.py::test_a_server_of_um_bridge",
     "hhr dakota model.npz params.in results.out": "tests/plugins/doors/test_doors.py::test_an_evaluation_of_dakota",
+    "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (  # refused for the obstacle of this scene
+        "tests/plugins/exporters/test_deck.py::test_a_deck_is_the_scene_again_and_calculix_agrees"
+    ),
     "hhr train benchmarks/thesis/pellet_cladding.py --model condensed": "tests/core/test_scripts.py::check_pellet",
     "hhr page out/pellet_cladding/condensed.npz": "tests/core/test_scripts.py::check_pellet",
 }
@@ -126,7 +130,9 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("my_scene.py", "scene.py"):
         Path(name).write_text(SCENE)
-    deck = deck_entries.cubes("C3D8", 0.0, deck_entries.STIFF, "TYPE=SURFACE TO SURFACE", STEPS)[0].text
+    deck = deck_entries.cubes(
+        "C3D8", 0.0, f"{deck_entries.STIFF}/*FRICTION/0.3, 1.E8", "TYPE=SURFACE TO SURFACE", STEPS
+    )[0].text
     for name in ("clamp.inp", "deck.inp", "part.inp"):
         Path(name).write_text(deck)
     hhr.save_model("model.npz", hhr.condense(vars_of("my_scene.py")["scene"], fields=True))
