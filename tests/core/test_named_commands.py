@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from bare import SCENE_FOLDERS
+from mpi4py import MPI
 from needs import needs
 
 import hhr_dolfinx as hhr
@@ -135,7 +136,9 @@ def folder(tmp_path, monkeypatch):
     )[0].text
     for name in ("clamp.inp", "deck.inp", "part.inp"):
         Path(name).write_text(deck)
-    hhr.save_model("model.npz", hhr.condense(vars_of("my_scene.py")["scene"], fields=True))
+    full = hhr.FullOrderModel(vars_of("my_scene.py")["scene"], MPI.COMM_SELF)
+    hhr.save_model("model.npz", hhr.condense(full, fields=True))
+    hhr.scenery_of(full).write("scenery.npz")
     for name in ("questions.csv", "points.csv"):
         Path(name).write_text("travel,lowered\n0.9,0.1\n0.5,0.2\n0.1,0.1\n")
     return tmp_path
@@ -156,7 +159,7 @@ def named_lines(page):
 
 
 @pytest.mark.slow
-@needs("decks", "constraints", "exporters", "mortar", "checks")
+@needs("decks", "constraints", "exporters", "mortar", "checks", "pages")
 @pytest.mark.parametrize("page", [page for page in (*PAGES, *OTHERS) if named_lines(page)])
 def test_commands_of_other_pages_run(page, folder):
     if "part.msh" in " ".join(named_lines(page)):
