@@ -91,7 +91,8 @@ def main() -> None:
             rows.append({"mesh": mesh, "pairing": name, **figures, "warned": warned})
             if mesh == "7 on 8" and name != "double_pass":
                 curves[name] = where, pressure
-    report.write_report(rows, options.out, "contact_patch_test")
+    written = {"scene": "contact_patch_test", "seed": options.seed, "pairings": rows}
+    report.write_report({**written, **report.environment()}, options.out)
     cli.print_rows("largest error of stress and pressure", rows, options.console)
     plots.plot_curves(curves, options.out / "pressures.png", ("position along the interface", "pressure / exact"))
 
