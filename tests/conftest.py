@@ -24,6 +24,7 @@ settings.load_profile("patient")
 NEEDING = {
     "core/test_benchmarks.py": ("mortar", "second_order"),
     "core/test_command.py": ("nonmatching",),
+    "core/test_deck_benchmark.py": ("decks", "nonmatching"),
     "core/test_demo.py": ("checks", "exporters", "moduli", "mortar", "one_call", "pages", "studies", "volume_loads"),
     "core/test_fuel_rod.py": ("volume_loads",),
     "plugins/local/test_subspaces.py": ("theorems",),

@@ -18,6 +18,7 @@ from hhr_dolfinx import errors, registry
 from hhr_dolfinx.models.estimates import NUMBERS, Estimate
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.reduction import build as building
+from hhr_dolfinx.reduction import claims
 from hhr_dolfinx.reduction.exact import ExactCondensation
 from hhr_dolfinx.reduction.reductor import Record, Reductor, Task, made, outcomes
 from hhr_dolfinx.registry import Plugin, Stage, Way
@@ -167,6 +168,18 @@ def test_a_bound_of_an_output_that_an_answer_exceeds_is_refused():
 
 def test_a_bound_that_holds_is_granted(training):
     assert training.build(bounding()).offline.comparison is not None
+
+
+def test_round_off_of_an_answer_near_zero_denies_no_bound(training, monkeypatch):
+    """Errors are over the largest answer: those of grazing contact are round-off of the others, and no lie."""
+    exact = SimpleNamespace(estimate=lambda: Estimate("bound", **dict.fromkeys(NUMBERS, 1e-12)))
+    errors_of = iter([{"contact forces": (0.0, 1.0)}, {"contact forces": (5e-10, 1e-9)}])
+    # a name that is looked up at each call, so that the second iterator counts too
+    monkeypatch.setattr(claims, "_errors", lambda *given: next(errors_of))
+    claims._check_bounds("Honest", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")])
+    errors_of = iter([{"contact forces": (0.0, 1.0)}, {"contact forces": (5e-6, 1e-9)}])
+    with pytest.raises(errors.ClaimError, match="a bound of 1e-12 of the contact forces, and the error is 5e-06"):
+        claims._check_bounds("Lying", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")])
 
 
 def test_a_claim_that_is_true_is_granted(training):
