@@ -623,7 +623,7 @@ def folder(tmp_path_factory):
     "name",
     [
         *(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)),
-        *(pytest.param(name, marks=needs_med) for name in ("flat.med", "flat.mmed")),
+        *(pytest.param(name, marks=(needs_med, needs("mesh_formats"))) for name in ("flat.med", "flat.mmed")),
         "flat.inp",
     ],
 )

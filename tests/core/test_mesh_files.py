@@ -194,6 +194,7 @@ def test_cells_of_third_order_are_refused_with_the_order(tmp_path):
     gmsh.finalize()
 
 
+@needs("mesh_formats")
 @pytest.mark.parametrize(
     ("kind", "incomplete", "exact"),
     [("triangle", False, (np.pi, 2 * np.pi)), ("quad", False, (np.pi, 2 * np.pi)), ("quad", True, (np.pi, 2 * np.pi)),

@@ -232,9 +232,11 @@ def stacked(pairing, cells, split):
 
 
 PAIRINGS = [
-    pytest.param(lambda s, m: hhr.NodeToNode(s, m, (0, -1)), (8, 8), id="NodeToNode"),
-    pytest.param(lambda s, m: hhr.NodeToSurface(s, m), (6, 8), id="NodeToSurface", marks=needs("nonmatching")),
-    pytest.param(lambda s, m: hhr.Mortar(s, m), (6, 8), id="Mortar", marks=needs("mortar")),
+    pytest.param(lambda s, m: hhr.NodeToNode(s, m, (0, -1)), (8, 8), id="NodeToNode", marks=needs("floating")),
+    pytest.param(
+        lambda s, m: hhr.NodeToSurface(s, m), (6, 8), id="NodeToSurface", marks=needs("floating", "nonmatching")
+    ),
+    pytest.param(lambda s, m: hhr.Mortar(s, m), (6, 8), id="Mortar", marks=needs("floating", "mortar")),
 ]
 
 

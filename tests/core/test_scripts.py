@@ -210,6 +210,7 @@ def test_a_script_runs_at_its_smallest(name, tmp_path):
         CHECKS[name](reports, tmp_path)
 
 
+@needs("studies")
 @pytest.mark.parametrize(("name", "ending"), [("leaf_spring", ".msh"), ("joint", ".step")])
 def test_the_file_that_a_demo_reads_is_made_by_its_script(name, ending, tmp_path):
     """Under the name that the demo reads; with the cells of that file if it is not asked to be quick."""
