@@ -35,7 +35,7 @@ from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.warn import collected
 
-QUICK = ("contact4", "testmortar", "plate", "contact13", "ring1, two sets")
+QUICK = ("contact4", "plate", "ring1, two sets")
 
 
 def rows_of(said: str) -> dict[str, float]:

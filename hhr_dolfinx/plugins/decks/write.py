@@ -18,7 +18,7 @@ from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
 LINE = 120
-"""Longest line of a scene file, other than tables of a deck and TODO lines, which stay whole for searches."""
+"""Longest line of a scene file, other than TODO lines and names of a deck, which stay whole for searches."""
 
 
 def scene_text(deck: Deck, file: Path, target: Path) -> str:
@@ -69,9 +69,25 @@ def _fitted(row: str) -> Iterator[str]:
     """A row of the scene; its comment stands above it if both are longer than a line."""
     text, mark, comment = row.rpartition(",  # ")
     if mark and len(row) > LINE - 8:
-        yield from (f"# {comment}", f"{text},")
-    else:
-        yield row
+        yield f"# {comment}"
+        row = f"{text},"
+    yield from _of_table(row)
+
+
+BETWEEN_ROWS = re.compile(r"(?<=[\d.]\]), (?=\[-?\d)")
+"""What separates rows of numbers in a table."""
+
+
+def _of_table(text: str) -> Iterator[str]:
+    """Lines of a text, which end between rows of its tables: reading a line takes the square of its length."""
+    line = ""
+    for row in BETWEEN_ROWS.split(text):
+        longer = f"{line}, {row}" if line else row
+        if line and len(longer) > LINE - 10:
+            yield f"{line},"
+            longer = f"    {row}"
+        line = longer
+    yield line
 
 
 def _double_quoted(text: str) -> str:

@@ -426,6 +426,9 @@ def test_analytical_rigid_surfaces_in_space(name, tmp_path):
     text = bar("*BOUNDARY\n900, 3, 3, -0.01", cells=(8, 2, 2)).replace("*STEP", tool, 1)
     scene, output = started(tmp_path, text)
     assert "TODO" not in output
+    # 3,800 facets of the pin in one line took half a minute
+    written = max(tmp_path.glob("*.py"), key=lambda path: path.stat().st_size).read_text()
+    assert max(map(len, written.splitlines())) <= 120
     exact = dict(exact)
     obstacle = getattr(hhr, exact.pop("kind"))("BAR_TOP", **exact)
     reference = replace(scene, contacts=(obstacle,), parameters=hhr.ParameterSpace(("down",), (0.0,), (0.02,)))
