@@ -71,6 +71,7 @@ class Plugin:
 
     name: str  # name of the plug-in, unique
     needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
+    optional: tuple[str, ...] = ()  # names of plug-ins that it imports only where a scene names them
     # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
     # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name, or

@@ -138,7 +138,7 @@ class Scene(KnownArguments):
         system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
             bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
         parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
-        constraints: equations between displacements, each a :class:`~hhr_dolfinx.full_order.constraints.Constraint`,
+        constraints: equations between displacements, each an item that the tool ``constraints`` reads,
             such as ties, which a plug-in adds.
     """
 

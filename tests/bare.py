@@ -16,6 +16,7 @@ from hhr_dolfinx import files
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.parameters import ParameterSpace
 
@@ -38,9 +39,9 @@ def bare_problem(dofs=6, conditions=2):
     return ContactProblem(
         stiffness_terms=(csr_matrix((dofs, dofs)),),
         node_mass=csr_matrix((1, 1)),
-        free=np.ones(dofs, bool),
-        loads=csc_matrix((dofs, 1)),
-        lifts=csc_matrix((dofs, 1)),
+        prolongation=Prolongation.of_free(np.ones(dofs, bool), csc_matrix((dofs, 1))),
+        forces=csc_matrix((dofs, 1)),
+        pulls=(),
         contact=csr_matrix((conditions, dofs)),
         gaps=np.ones((conditions, 1)),
         contact_slaves=np.arange(2),

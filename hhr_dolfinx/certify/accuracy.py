@@ -176,12 +176,11 @@ def of_size(error: float, size: float) -> float:
 def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: Theta) -> float:
     """Potential energy a(u, u)/2 - l(u) of thesis (1.10), in the unit of energy of the scene.
 
-    With U = U0 + lift, (N,), J = U^T K U / 2 - F^T U. F is that of all dofs, of free ones if no other is known.
+    With U = U0 + L θ, (N,), J = U^T K U / 2 - F^T U, where F acts on all dofs.
     """
     problem.require_parts()
     unknown = displacement - problem.lifts @ theta
-    forces = problem.external if problem.forces is None else problem.forces
-    return 0.5 * problem.doubled_energy(unknown, theta) - float((forces @ theta) @ displacement)
+    return 0.5 * problem.doubled_energy(unknown, theta) - float((problem.forces @ theta) @ displacement)
 
 
 def summary(values: object) -> dict:

@@ -24,13 +24,13 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
+from hhr_dolfinx.contact.prolongation import OnRows, Prolongation
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.group import ALONE, Group, group_of
 from hhr_dolfinx.linear.rows import Rows, rows_of
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.followers import Followers
     from hhr_dolfinx.contact.kernel import Kernel
     from hhr_dolfinx.contact.shares import Shares
     from hhr_dolfinx.formulas import Modulus, Scalar
@@ -134,25 +134,26 @@ class Reshaping(Protocol):
 
 @dataclass(frozen=True)
 class ContactProblem:
-    """Find U = U0 + lifts θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
+    """Find U = U0 + L θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
 
-    U0 is the homogeneous part of the displacement: it vanishes on imposed dofs. The amplitudes
+    U0 is the homogeneous part of the displacement: it vanishes on imposed dofs, and dependent dofs follow the others
+    (:class:`~hhr_dolfinx.contact.prolongation.Prolongation`), which K, B and loads contain already. The amplitudes
     θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
 
     The large matrices are distributed by rows: a rank has the rows of its dofs, one rank all of them. Everything else
     is the same on all ranks; it is sparse, or as large as the contact surface.
     """
 
-    # local rows of the parts of K, without boundary conditions, (own, N) each; empty if K is that of a user-defined
-    # system without parts
+    # local rows of the parts of K, T^T K_q T, with those of imposed dofs, (own, N) each; empty if K is that of a
+    # user-defined system without parts
     stiffness_terms: tuple[csr_matrix, ...]
     node_mass: csr_matrix  # local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
-    free: np.ndarray  # dofs that are not imposed, (N,) bool
-    loads: csc_matrix  # F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T)
-    # imposed displacements, sparse, (N, 1 + T): nonzero on the imposed dofs alone (section 2.6) or, for bodies whose
-    # stiffness depends on parameters, on whole bodies if they are rigid motions of these
-    lifts: csc_matrix
-    contact: csr_matrix  # B with zero columns at imposed dofs, (N_lambda, N)
+    prolongation: Prolongation  # U = U0 + L θ by the free dofs
+    forces: csc_matrix  # F on all dofs, sparse, (N, 1 + T)
+    # K_q L of each part of K on all dofs, before dependent ones are eliminated, sparse, (N, 1 + T) each; empty if K is
+    # that of a user-defined system without parts
+    pulls: tuple[csc_matrix, ...]
+    contact: csr_matrix  # B T with zero columns at imposed dofs, (N_lambda, N)
     gaps: np.ndarray  # D - B lift, (N_lambda, 1 + T)
     contact_slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,)
     # number of the contact pair of each condition, in the order of the scene, the first of several, (N_lambda,)
@@ -167,26 +168,52 @@ class ContactProblem:
     # amplitude of each part of K; empty if K is their sum and does not depend on parameters. Attributes that depend on
     # K without a given parameter refer to the middle of the box
     moduli: tuple[Modulus, ...] = ()
-    # each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty
-    lift_terms: tuple[csc_matrix, ...] = ()
     reshaped: Reshaping | None = None  # makes the problem on the mesh of a point; None if the mesh does not move
     kernel: Kernel | None = None  # motions on which K is singular; None if imposed displacements hold all bodies
     # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
     law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
     group: Group = ALONE  # processes that have some rows each
-    # dofs that follow others; they are not free, K, B and loads act through them, and lifts include them
-    followers: Followers | None = None
-    # local rows of each part of K before followers are eliminated, times the lifts, (own, 1 + T) each: values of
-    # equations act through rows and columns that T^T K T lacks; empty without followers
-    pulled: tuple[csc_matrix, ...] = ()
     shares: Shares | None = None  # of contact pairs in conditions that several state; None without such conditions
-    forces: csc_matrix | None = None  # F on all dofs, before followers are eliminated, (N, 1 + T); None if unknown
 
     @property
-    def movable(self) -> np.ndarray:
-        """Dofs that are not imposed: free ones and followers, (N,) bool."""
-        return self.free if self.followers is None else self.free | self.followers.own
+    def free(self) -> np.ndarray:
+        """Dofs with an unknown, neither imposed nor dependent on others, (N,) bool."""
+        return self.prolongation.free
+
+    @property
+    def lifts(self) -> csc_matrix:
+        """Imposed displacements L, sparse, (N, 1 + T), see :class:`Prolongation`."""
+        return self.prolongation.lifts
+
+    @cached_property
+    def external(self) -> csc_matrix:
+        """T^T F on free dofs, sparse, (N, 1 + T)."""
+        return masked(self.prolongation.restrict(self.forces), self.free)
+
+    @cached_property
+    def lift_terms(self) -> tuple[csc_matrix, ...]:
+        """T^T K_q L on free dofs of each part of K, sparse, (N, 1 + T) each."""
+        return tuple(masked(self.prolongation.restrict(part), self.free) for part in self.pulls)
+
+    @cached_property
+    def loads(self) -> csc_matrix:
+        """T^T (F - K L) on free dofs in the middle of the box, thesis (1.22), sparse, (N, 1 + T)."""
+        return self.external - self._sum_in_the_middle(self.lift_terms)
+
+    @cached_property
+    def pulled(self) -> csc_matrix:
+        """K L of all dofs in the middle of the box, before dependent ones are eliminated, sparse, (N, 1 + T)."""
+        return self._sum_in_the_middle(self.pulls)
+
+    def _sum_in_the_middle(self, parts: Sequence[csc_matrix]) -> csc_matrix:
+        return self._summed(parts, self.weights(self.middle))
+
+    def _summed(self, parts: Sequence[csc_matrix], weights: np.ndarray) -> csc_matrix:
+        """Sum of terms of parts of K, (N, 1 + T) each, by their weights, (Q,); all are 1 if K is constant."""
+        weights = weights if self.moduli else np.ones(len(parts))
+        terms = (weight * part for weight, part in zip(weights, parts, strict=True))
+        return csc_matrix(sum(terms, start=csc_matrix(self.forces.shape)))
 
     @property
     def held(self) -> np.ndarray:
@@ -253,32 +280,26 @@ class ContactProblem:
             return problem
         weights = problem.weights(point)
         stiffness = (problem.stiffness_of(weights),)
-        loads = problem.loads_of(weights)
-        pulled = (problem.lifted_by(weights),) if problem.pulled else ()
-        constant = {"stiffness_terms": stiffness, "loads": loads, "pulled": pulled}
-        return replace(problem, moduli=(), lift_terms=(), reshaped=None, **constant)
+        pulls = (problem._summed(problem.pulls, weights),)
+        return replace(problem, moduli=(), reshaped=None, stiffness_terms=stiffness, pulls=pulls)
 
     def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
         """Local rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
         same = np.array_equal(weights, self.weights(self.middle))
         return self.own_stiffness if same else self.combined(weights)
 
-    def loads_of(self, weights: np.ndarray) -> csc_matrix:
-        """F - K lift on free dofs for weights of the parts of K, (Q,), sparse, (N, 1 + T)."""
-        loads = self.loads
-        for change, term in zip(self.weights(self.middle) - weights, self.lift_terms, strict=True):
-            loads = loads + change * term
-        return loads
+    def loads_at(self, point: np.ndarray, theta: Theta | np.ndarray) -> np.ndarray:
+        """T^T (F - K L) on free dofs at a point of a scene with a constant shape, with θ there: (N,).
 
-    def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
-        """F - K lift on free dofs at a point of a scene with a constant shape, with θ there, (N,)."""
-        found = self.loads @ theta
+        With slopes of θ in its place, (1 + T, k), those of the loads at constant stiffness: (N, k).
+        """
+        acting = self.loads @ theta
         if self.moduli:
             changes = self.weights(self.middle) - self.weights(point)
             for change, term in zip(changes, self.lift_terms, strict=True):
                 if change and term.nnz:
-                    found = found + change * (term @ theta)
-        return found
+                    acting = acting + change * (term @ theta)
+        return acting
 
     @property
     def middle(self) -> np.ndarray:
@@ -317,17 +338,16 @@ class ContactProblem:
         group = group_of(comm)
         if all(group.gathered(self.whole)):
             return self
-        given = group.gathered((self.first, self.stiffness_terms, self.node_mass, self.pulled))
-        _, terms, masses, lifted = zip(*sorted(given, key=itemgetter(0)), strict=True)
+        given = group.gathered((self.first, self.stiffness_terms, self.node_mass))
+        _, terms, masses = zip(*sorted(given, key=itemgetter(0)), strict=True)
         held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
             )
         stiffness = tuple(csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True))
-        pulled = tuple(csc_matrix(vstack(parts)) for parts in zip(*lifted, strict=True))
         mass = csr_matrix(vstack(masses))
-        return replace(self, stiffness_terms=stiffness, node_mass=mass, pulled=pulled, first=0, group=ALONE)
+        return replace(self, stiffness_terms=stiffness, node_mass=mass, first=0, group=ALONE)
 
     def require_whole(self) -> None:
         """Raise SceneError for a distributed problem in functions that need all rows."""
@@ -372,20 +392,13 @@ class ContactProblem:
         return self.spread.matrix(self.own_stiffness)
 
     @cached_property
-    def following(self) -> tuple[csr_matrix, ...] | None:
-        """T and T^T of followers for products with tables of local rows, (own, k); None if no dof follows."""
-        if self.followers is None:
-            return None
-        follow = self.followers
-        return self.spread.matrix(follow.everywhere[self.rows]), self.spread.matrix(follow.transposed(self.rows))
-
-    def passed_on(self, own: csc_matrix) -> csc_matrix:
-        """T^T F of local rows of forces, sparse, (own, k): local rows, (own, k). Collective."""
-        return own if self.followers is None else self.followers.forces(own, self.rows, self.group)
+    def on_rows(self) -> OnRows | None:
+        """T and T^T for products with tables of local rows, (own, k); None if no dof depends on others."""
+        return self.prolongation.on_rows(self.spread, self.group)
 
     def prolonged(self, fields: np.ndarray) -> np.ndarray:
-        """T V of local rows of fields, (own, k): dofs that follow others are set by them. Collective."""
-        return fields if self.following is None else self.following[0] @ fields
+        """T V of local rows of fields, (own, k): dependent dofs follow the others. Collective."""
+        return fields if self.on_rows is None else self.on_rows.prolong @ fields
 
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
@@ -410,8 +423,7 @@ class ContactProblem:
         ends[: self.rows.stop + 1] = 0
         ends[self.rows.start : self.rows.stop + 1] = own.indptr
         joined = csr_matrix((own.data, own.indices, ends), shape=(size, size))
-        if self.followers is not None:
-            joined = joined + self.followers.map
+        joined = self.prolongation.coupled(joined)
         count, label = connected_components(joined, directed=False)
         if self.group.size == 1:
             self.require_whole()
@@ -424,49 +436,16 @@ class ContactProblem:
         edges = np.ones(places.size), (np.tile(np.arange(size), len(counts)), places)
         return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][:size]
 
-    @cached_property
-    def external(self) -> csc_matrix:
-        """F on free dofs, which is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
-        if self.pulled:
-            drawn = self.from_rows(csr_matrix(self.drawn))
-            return self._forces(drawn, abs(drawn))
-        lifts = csc_matrix(self.lifts)
-        pulled = np.unique(lifts.indices)  # few columns of K: it is large
-        own = self.own_stiffness[:, pulled]
-        moving = csr_matrix(lifts)[pulled]
-        held, sizes = (self.from_rows(csr_matrix(part)) for part in (own @ moving, abs(own) @ abs(moving)))
-        return self._forces(held, sizes)
-
-    def _forces(self, held: csr_matrix, sizes: csr_matrix) -> csc_matrix:
-        """Loads plus forces on free dofs without the round-off of these, which are sums of terms of some sizes."""
-        forces = csr_matrix(self.loads + masked(csc_matrix(held), self.free))
-        return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
-
-    @property
-    def lifted(self) -> csc_matrix:
-        """K of all dofs, followers too, times the lifts, sparse, local rows, (own, 1 + T)."""
-        if not self.pulled:
-            return csc_matrix(self.own_stiffness @ self.lifts)
-        return self.lifted_by(self.weights(self.middle) if self.moduli else np.ones(len(self.pulled)))
-
     def doubled_energy(self, unknown: np.ndarray, theta: Theta) -> float:
-        """U^T K U of U = U0 + lifts θ on one rank, with U0, (N,); K of dofs that follow acts through K times lifts."""
-        return float(unknown @ (self.stiffness @ unknown) + (2 * unknown + self.lifts @ theta) @ (self.lifted @ theta))
+        """U^T K U of U = U0 + L θ on one rank, with U0, (N,); K of all dofs acts on L."""
+        inner = unknown @ (self.stiffness @ unknown)
+        return float(inner + (2 * unknown + self.lifts @ theta) @ (self.pulled @ theta))
 
-    def lifted_by(self, weights: np.ndarray) -> csc_matrix:
-        """The same for weights of the parts of K, (Q,), if dofs follow others."""
-        return csc_matrix(sum(w * part for w, part in zip(weights, self.pulled, strict=True)))
-
-    @property
-    def drawn(self) -> csc_matrix:
-        """The same forces, of which followers pass on theirs. Collective."""
-        return self.passed_on(self.lifted)
-
-    def from_rows(self, own: csr_matrix) -> csr_matrix:
+    def stacked(self, own: csr_matrix) -> csc_matrix:
         """Assemble a sparse matrix from the rows of each process. Collective."""
         if self.group.size == 1:
             self.require_whole()
-        return self.group.stacked(own)
+        return csc_matrix(self.group.stacked(own))
 
     @cached_property
     def contact_norm(self) -> float:

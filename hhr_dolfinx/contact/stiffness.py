@@ -161,8 +161,7 @@ class SparseStiffness(Stiffness):
         self._store = store
         self._spread = problem.spread
         self._idle = None if problem.kernel is None else problem.kernel.idle[problem.rows]
-        self._follow = problem.following
-        self._acting = problem.passed_on
+        self._on_rows = problem.on_rows
         self._components = components
         self._response = response
         self._keeps = keeps
@@ -178,8 +177,8 @@ class SparseStiffness(Stiffness):
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """See :class:`Stiffness`."""
         idle = self._idle
-        if self._follow is not None:
-            return self._follow[0] @ self._store.solve(self.matrix, self._follow[1] @ rhs)
+        if (on_rows := self._on_rows) is not None:
+            return on_rows.prolong @ self._store.solve(self.matrix, on_rows.restrict @ rhs)
         if idle is None:
             return self._store.solve(self.matrix, rhs)
         return self._without(idle, self._store.solve(self.matrix, self._without(idle, rhs)))
@@ -187,8 +186,8 @@ class SparseStiffness(Stiffness):
     def columns(self, rhs: spmatrix) -> np.ndarray:
         """See :class:`Stiffness`."""
         with self._store.of(self.matrix) as factors:
-            if self._follow is not None:
-                return self._follow[0] @ factors.solve_columns(self._acting(rhs))
+            if (on_rows := self._on_rows) is not None:
+                return on_rows.prolong @ factors.solve_columns(on_rows.columns(rhs))
             found = factors.solve_columns(rhs)
             idle = self._idle
             if idle is None or not idle.shape[1]:

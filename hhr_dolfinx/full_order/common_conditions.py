@@ -22,7 +22,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import SceneError, rounded
@@ -54,8 +54,7 @@ class CommonConditions:
     """Finds the conditions that several contacts state, and makes one of each."""
 
     given: Conditions
-    follow: Followers
-    free: np.ndarray  # dofs that are not imposed, (N,) bool
+    prolongation: Prolongation
     cells: np.ndarray  # nodes of each cell
     amplitudes: Amplitudes
     surface: Callable[[Tag], Surface]
@@ -98,7 +97,7 @@ class CommonConditions:
     @cached_property
     def _acting(self) -> csr_matrix:
         """B T, (m, N)."""
-        return csr_matrix(self.follow.acting(self.given.rows.matrix))
+        return csr_matrix(self.prolongation.rows(self.given.rows.matrix))
 
     @cached_property
     def _normals(self) -> np.ndarray:
@@ -135,7 +134,7 @@ class CommonConditions:
         if not one.size:
             return one, other
         rows = self.given.rows
-        acting = csr_matrix(self._acting @ diags(self.free.astype(float)))
+        acting = csr_matrix(self._acting @ diags(self.prolongation.free.astype(float)))
         size = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
         off = acting[one] - acting[other]
         same = np.asarray(off.multiply(off).sum(axis=1)).ravel() <= ALIKE**2 * size[one]
@@ -152,7 +151,7 @@ class CommonConditions:
     def _of_one_slave(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Pairs of conditions, (k,), whose slave nodes and normals are one, (k,) bool."""
         # nodes that constraints make one have the same rows of T
-        known = self.follow.everywhere @ np.random.default_rng(0).standard_normal(self._acting.shape[1])
+        known = self.prolongation.prolong(np.random.default_rng(0).standard_normal(self._acting.shape[1]))
         at_slaves = known.reshape(-1, self._dim)[self.given.rows.slaves]
         node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= ALIKE * np.abs(at_slaves[one]).max(axis=1)
         cosines = np.einsum("kd,kd->k", self._normals[one], self._normals[other])
@@ -165,9 +164,10 @@ class CommonConditions:
         """Number of the connected component of each node, by cells and constraints, (nodes,)."""
         count = self._acting.shape[1] // self._dim
         label = components_of_nodes(count, self.cells)
-        if self.follow.map is None:
+        coupling = self.prolongation.map
+        if coupling is None:
             return label
-        entries = self.follow.map.tocoo()
+        entries = coupling.tocoo()
         ends = label[entries.row // self._dim], label[entries.col // self._dim]
         graph = csr_matrix((np.ones(entries.nnz), ends), shape=(count, count))
         return connected_components(graph, directed=False)[1][label]

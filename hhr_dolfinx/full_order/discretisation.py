@@ -21,10 +21,10 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
-from hhr_dolfinx.contact.followers import Followers
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
-from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
+from hhr_dolfinx.contact.problem import ContactProblem, strained
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, rounded
@@ -32,6 +32,7 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts, unresisted
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.full_order.system import middle_stiffness
@@ -124,32 +125,29 @@ class Discretisation(DiscreteSpace):
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
         imposed, free = self._displacements()
-        follow, following = self._constrained(free, imposed)
-        imposed += following
-        free = free & ~follow.own
+        eliminated = self._eliminated(free, imposed)
+        imposed += eliminated.terms
         rows, pairs, opened = self._contacts()
         self.terms = Terms(scene.parameters, imposed=imposed, gaps=opened, loads=self.load_terms())
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = self.terms.amplitudes(limits)
-        applied = self.terms.columns("loads", self.size)
-        forces = follow.forces(applied)
-        lifts = follow.lifted(self.terms.columns("imposed", self.size))
+        lifts = self.terms.columns("imposed", self.size)
         if moduli and not scene.constraints:
             lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
+        eliminated = replace(eliminated, prolongation=eliminated.prolongation.lifted(lifts))
+        prolongation = eliminated.prolongation
         added = self.terms.columns("gaps", rows.gap.size).toarray()
-        rows, pairs, gaps, law, shares = self._conditions(rows, pairs, added, lifts, free, follow, amplitudes)
-        pulled = [strained(term, lifts) if moduli or scene.constraints else term @ lifts for term in stiffness]
-        lifted = [masked(follow.forces(csc_matrix(self.group.stacked(part))), free) for part in pulled]
-        weights = [modulus.value(scene.parameters.middle) for modulus in moduli] or [1.0]
+        rows, pairs, gaps, law, shares = self._conditions(rows, pairs, added, eliminated, amplitudes)
+        # K of a constant scene has no round-off of rigid motions to lose
+        pull = strained if moduli or scene.constraints else csr_matrix.__matmul__
         return ContactProblem(
-            stiffness_terms=follow.of_stiffness(stiffness, self.rows, self.group),
+            stiffness_terms=prolongation.stiffness(stiffness, self.rows, self.group),
             moduli=moduli,
-            lift_terms=tuple(lifted) if moduli else (),
             node_mass=self._node_mass(),
-            free=free,
-            loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
-            lifts=lifts,
-            contact=_without_columns(follow.acting(rows.matrix), ~free),
+            prolongation=prolongation,
+            forces=self.terms.columns("loads", self.size),
+            pulls=tuple(csc_matrix(self.group.stacked(pull(term, prolongation.lifts))) for term in stiffness),
+            contact=_without_columns(prolongation.rows(rows.matrix), ~prolongation.free),
             gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
             contact_pairs=pairs,
@@ -164,9 +162,6 @@ class Discretisation(DiscreteSpace):
             whole_contact=rows.matrix,
             law=law,
             group=self.group,
-            followers=follow if scene.constraints else None,
-            pulled=tuple(pulled) if scene.constraints else (),
-            forces=applied,
         )
 
     def _conditions(
@@ -174,29 +169,23 @@ class Discretisation(DiscreteSpace):
         rows: ContactRows,
         pairs: np.ndarray,
         opened: np.ndarray,
-        lifts: csc_matrix,
-        free: np.ndarray,
-        follow: Followers,
+        eliminated: Eliminated,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
         """Rows, pairs, gaps, law and shares of the conditions with unknowns; ``opened`` is the part of openings."""
         scene = self.scene
+        prolongation = eliminated.prolongation
+        lifts = prolongation.lifts
         gaps = _gaps(rows, opened, lifts)
-        acting = replace(rows, matrix=follow.acting(rows.matrix))
-        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, free)
-        rows = rows.take(kept)
-        pairs = pairs[kept]
-        gaps = gaps[kept]
-        opened = opened[kept]
-        if scene.constraints:
-            from hhr_dolfinx.full_order.constraints import without_repeated
-
-            rows, pairs, both = without_repeated(rows, pairs, np.hstack([gaps, opened]), follow, free)
-            gaps, opened = np.hsplit(both, 2)
+        acting = replace(rows, matrix=prolongation.rows(rows.matrix))
+        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, prolongation.free)
+        both = np.hstack([gaps, opened])[kept]
+        rows, pairs, both = eliminated.merged(prolongation, rows.take(kept), pairs[kept], both)
+        gaps, opened = np.hsplit(both, 2)
         shares = None
         if len(scene.contacts) > 1:
             stated = Conditions(scene, rows, pairs, opened)
-            common = CommonConditions(stated, follow, free, self._cell_nodes(), amplitudes, self.surface)
+            common = CommonConditions(stated, prolongation, self._cell_nodes(), amplitudes, self.surface)
             stated, shares = common.joined()
             if shares is not None:
                 rows = stated.rows
@@ -204,18 +193,18 @@ class Discretisation(DiscreteSpace):
                 gaps = _gaps(rows, stated.opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
-            rows, pairs, law = self._with_laws(laws, rows, pairs, free | follow.own, lifts)
+            rows, pairs, law = self._with_laws(laws, rows, pairs, prolongation)
             shares = None if shares is None else shares.extended(rows.slaves, pairs, len(gaps))
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         return rows, pairs, gaps, law, shares
 
-    def _constrained(self, free: np.ndarray, imposed: list[Term]) -> tuple[Followers, list[Term]]:
-        """Followers of the constraints, and lifts of their values."""
+    def _eliminated(self, free: np.ndarray, imposed: list[Term]) -> Eliminated:
+        """Dependent dofs of the constraints; ``free`` ones are not imposed, (N,), and the lifts of others are."""
         if not self.scene.constraints:
-            return Followers.nobody(self.size), []
-        from hhr_dolfinx.full_order.constraints import followers_of
-
-        return followers_of(self.scene, self.assembler, self._cell_nodes(), free, imposed)
+            return Eliminated(Prolongation.of_free(free))
+        eliminate = registry.tool("constraints", f"scene '{self.scene.name}', which has constraints,")
+        eliminated: Eliminated = eliminate(self.scene, self.assembler, self._cell_nodes(), free, imposed)
+        return eliminated
 
     def _node_mass(self) -> csr_matrix:
         """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""
@@ -225,7 +214,7 @@ class Discretisation(DiscreteSpace):
         return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
     def _with_laws(
-        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
+        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, prolongation: Prolongation
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
         """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
         scene = self.scene
@@ -240,7 +229,7 @@ class Discretisation(DiscreteSpace):
                 "is not built in. Give them a common one, which reads them all"
             )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = first.attached(laws, scene, rows, pairs, free, lifts, mesh)
+        found = first.attached(laws, scene, rows, pairs, prolongation.movable, prolongation.lifts, mesh)
         check_attached(first, found[2])
         if not np.array_equal(found[1][: pairs.size], pairs):
             raise SceneError(f"attached() of {type(first).__name__} must append rows to the conditions, and keep these")
@@ -258,8 +247,7 @@ class Discretisation(DiscreteSpace):
     def checked(self, problem: ContactProblem) -> ContactProblem:
         """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
-        loose = problem.movable if self.springs is None else problem.movable & (self.springs == 0)
-        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, loose, problem.followers)
+        free = free_bodies(self.scene, problem, bodies, self.springs)
         if free and self.scene.system is not None:
             free = unresisted(free, problem, middle_stiffness(problem, self.scene.system))
         if free:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
-from hhr_dolfinx.contact.followers import Followers
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import rounded
 
 if TYPE_CHECKING:
@@ -51,17 +51,17 @@ class FreeBody:
 
 
 def free_bodies(
-    scene: Scene,
-    points: np.ndarray,
-    cell_nodes: np.ndarray,
-    bodies: np.ndarray,
-    free: np.ndarray,
-    followers: Followers | None = None,
+    scene: Scene, problem: ContactProblem, bodies: np.ndarray, springs: np.ndarray | None = None
 ) -> list[FreeBody]:
-    """Bodies with rigid motions that vanish on their imposed dofs and satisfy the constraints of their followers.
+    """Bodies with rigid motions that vanish on their imposed dofs and break no constraint.
 
-    Arguments are those of :func:`rigid_lifts`, and the index in the scene of the body of each cell, (cells,).
+    ``bodies`` is the index in the scene of the body of each cell, (cells,), and ``springs`` the stiffness to ground of
+    each dof, (N,).
     """
+    points = problem.points
+    cell_nodes = problem.cell_nodes
+    prolongation = problem.prolongation
+    free = prolongation.movable if springs is None else prolongation.movable & (springs == 0)
     part = components_of_nodes(len(points), cell_nodes)
     imposed = ~free.reshape(points.shape)
     components = []
@@ -71,11 +71,11 @@ def free_bodies(
         tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
         name = f"body {', '.join(tags)} of scene '{scene.name}', around {rounded(points[nodes].mean(axis=0))},"
         components.append(FreeBody(name, nodes, motions, np.eye(len(motions))))
-    if followers is None or followers.map is None:
+    if prolongation.map is None:
         left = (replace(one, left=_kernel(one.motions[:, imposed[one.nodes]].T)) for one in components)
         return [one for one in left if len(one.left)]
-    groups = _groups(components, followers, points)
-    joined = (_joined(group, followers, points, imposed, scene.hypothesis) for group in groups)
+    groups = _groups(components, prolongation.map, points)
+    joined = (_joined(group, prolongation, points, imposed, scene.hypothesis) for group in groups)
     return [one for one in joined if len(one.left)]
 
 
@@ -99,19 +99,19 @@ def _kernel(rows: np.ndarray) -> np.ndarray:
     return ways[sizes <= ALMOST_NONE * np.sqrt(max(len(rows), 1))]
 
 
-def _groups(components: list[FreeBody], followers: Followers, points: np.ndarray) -> list[list[FreeBody]]:
+def _groups(components: list[FreeBody], coupling: csr_matrix, points: np.ndarray) -> list[list[FreeBody]]:
     """Components that constraints join."""
     owner = np.full(len(points), -1)
     for number, one in enumerate(components):
         owner[one.nodes] = number
-    rows, columns = (owner[dofs // points.shape[1]] for dofs in followers.everywhere.nonzero())
+    rows, columns = (owner[dofs // points.shape[1]] for dofs in coupling.nonzero())
     graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return [[components[k] for k in np.flatnonzero(labels == label)] for label in np.unique(labels)]
 
 
 def _joined(
-    parts: list[FreeBody], followers: Followers, points: np.ndarray, imposed: np.ndarray, hypothesis: str
+    parts: list[FreeBody], prolongation: Prolongation, points: np.ndarray, imposed: np.ndarray, hypothesis: str
 ) -> FreeBody:
     """One body of several components, whose motions satisfy the constraints.
 
@@ -122,7 +122,8 @@ def _joined(
     body = FreeBody(" with ".join(one.name for one in parts), nodes, motions, np.eye(len(motions)))
     whole, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts))
     # combinations that vanish on imposed dofs and break no constraint
-    of_whole, of_parts = (_kernel(np.vstack([one[imposed.ravel()], followers.broken(one)])) for one in (whole, apart))
+    held = imposed.ravel()
+    of_whole, of_parts = (_kernel(np.vstack([one[held], prolongation.broken(one)])) for one in (whole, apart))
     if len(of_parts) > len(of_whole):
         return replace(body, parts=tuple(parts), motions=_at_nodes(apart, points, nodes), left=of_parts)
     return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)

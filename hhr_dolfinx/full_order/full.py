@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, Status
-from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import HHRError, NotOfferedError, SceneError
 from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
@@ -153,13 +153,8 @@ class FullOrderModel(FullModel):
         self.stiffness = stiffness
         problem = self.problem
         moduli, matrices = self.system.parts() or ((), ())
-        pulled = (problem.from_rows(csr_matrix(matrix @ problem.lifts)) for matrix in matrices)
-        lifted = tuple(masked(csc_matrix(part), problem.free) for part in pulled)
-        weights = [modulus.value(problem.middle) for modulus in moduli] or [1.0]
-        loads = problem.external - sum(w * part for w, part in zip(weights, lifted, strict=False))
-        self.problem = replace(
-            problem, moduli=moduli, stiffness_terms=matrices, lift_terms=lifted if moduli else (), loads=loads
-        )
+        pulls = tuple(problem.stacked(csr_matrix(matrix @ problem.lifts)) for matrix in matrices)
+        self.problem = replace(problem, moduli=moduli, stiffness_terms=matrices, pulls=pulls)
         if matrices:
             check_parts(self.system, self.problem, self.scene.name)
 

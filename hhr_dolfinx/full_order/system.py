@@ -123,8 +123,9 @@ class System(ABC):
         """Derivatives of the residual, (n, P), and of the slack, (m, P), at constant unknowns and forces."""
         problem = self.problem
         acting, slopes = problem.amplitudes.slopes_at(point)
-        loads = problem.loads_of(problem.weights(point))
-        left = -(loads[problem.rows][:, acting] @ slopes)
+        every = np.zeros((problem.loads.shape[1], slopes.shape[1]))
+        every[acting] = slopes
+        left = -problem.spread.of(problem.loads_at(point, every))
         theta = problem.amplitudes(point)
         parts = zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True) if problem.moduli else ()
         for modulus, part, lift in parts:
@@ -205,7 +206,7 @@ class SummedSystem(_OfParts):
         problem = self.problem
         weights = problem.weights(point)
         stiffness = self._kept(weights, lambda weights: self.made(problem.stiffness_of(weights), problem))
-        return problem, stiffness, problem.loads_of(weights)[problem.rows] @ theta
+        return problem, stiffness, problem.spread.of(problem.loads_at(point, theta))
 
 
 def middle_stiffness(problem: ContactProblem, given: Callable[..., Any]) -> csr_matrix:
@@ -230,9 +231,10 @@ def check_parts(system: System, problem: ContactProblem, name: str) -> None:
         weights = problem.weights(point)
         stiffness: Any = at.stiffness
         difference = stiffness.matrix - problem.stiffness_of(weights)
-        loads = problem.loads_of(weights)[problem.rows] @ theta
+        loads = problem.spread.of(problem.loads_at(point, theta))
         terms = [problem.external, *problem.lift_terms]
-        size = sum(abs(w) * np.abs(term[problem.rows] @ theta) for w, term in zip([1.0, *weights], terms, strict=True))
+        scales = [1.0, *(weights if problem.moduli else np.ones(len(problem.pulls)))]
+        size = sum(abs(w) * np.abs(term[problem.rows] @ theta) for w, term in zip(scales, terms, strict=True))
         pairs = {
             "K": (difference.data, stiffness.matrix.data),
             "the loads": (at.loads - loads, size),

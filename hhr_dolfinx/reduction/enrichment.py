@@ -113,7 +113,7 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
     residual of laws and the displacement of an answer read different dofs of it.
     """
     rows = problem.spread
-    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.movable))[1]
+    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.prolongation.movable))[1]
     if imposed > ORTHONORMAL:
         raise ReductionError(
             f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
@@ -168,9 +168,10 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
 
 def _prolonged(problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c), from (card dofs, c)."""
-    if problem.followers is None:
+    coupling = problem.prolongation.map
+    if coupling is None:
         return dofs, functions
-    whole = csr_matrix(problem.followers.everywhere[:, dofs] @ csr_matrix(functions))
+    whole = csr_matrix(coupling[:, dofs] @ csr_matrix(functions))
     support = np.union1d(dofs, np.flatnonzero(np.diff(whole.indptr)))
     return support, normalised(whole[support].toarray().T).T
 

@@ -142,8 +142,8 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
     incidence = csr_matrix(
         (np.ones(nodes_of_cells.size), nodes_of_cells.ravel(), starts), shape=(len(nodes_of_cells), count)
     )
-    if problem.followers is not None:
-        incidence = csr_matrix(vstack([incidence, problem.followers.cells]))
+    if problem.prolongation.groups is not None:
+        incidence = csr_matrix(vstack([incidence, problem.prolongation.groups]))
     coo = problem.contact.tocoo()
     touching = np.ones(coo.nnz), (coo.row, coo.col // problem.block_size)
     rows = csr_matrix(touching, shape=(coo.shape[0], count))

@@ -400,7 +400,7 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     if kernel is not None:
         snapshots = replace(snapshots, displacements=kernel.without(rows, snapshots.displacements))
     basis = np.asarray(step.modes(problem, snapshots))
-    free = rows.of(problem.movable)
+    free = rows.of(problem.prolongation.movable)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
     if rows.sum(float(not shaped or not np.isfinite(basis).all())):
         raise ReductionError(

@@ -376,7 +376,7 @@ def _digest_of(full: FullModel) -> bytes:
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
     others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
-    local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first", "pulled"]
+    local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]
     kept = (item.name for item in fields(problem) if item.name not in (*others, *local))
     parts = [part for name in kept for part in parts_of(getattr(problem, name))]
     if local:  # rows of the large matrices, in the order of the ranks

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from needs import OURS, needs, present
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
@@ -105,6 +106,21 @@ def test_no_circle():
     calls = {path.stem: {*imported.findall(path.read_text())} - {path.stem} for path in scripts}
     assert "peers" in calls["pellet_cladding_study"] and "extreme_flow" in calls["extreme_cases"]
     list(graphlib.TopologicalSorter(calls).static_order())
+
+
+def test_plug_ins_declare_what_they_import_of_each_other():
+    """Needed or optional ones, without a circle; which are needed is what `make without` deletes with one."""
+    ours = "hhr_dolfinx.plugins."
+    imported = {}
+    for name in (name for name in MODULES if name.startswith(ours)):
+        owner = name.split(".")[2]
+        named = {target.split(".")[2] for target in imports(name) if target.startswith(ours)}
+        imported.setdefault(owner, set()).update(named - {owner})
+    declared = {name: {*plugin.needs, *plugin.optional} for name, plugin in registry.installed().items()}
+    assert not {name: others - declared[name] for name, others in imported.items() if others - declared[name]}
+    unused = {name: set(registry.installed()[name].optional) - others for name, others in imported.items()}
+    assert not {name: others for name, others in unused.items() if others}
+    list(graphlib.TopologicalSorter(declared).static_order())
 
 
 FOUND = """

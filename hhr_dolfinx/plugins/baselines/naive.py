@@ -87,13 +87,10 @@ class NaiveFullOrder(AnsweringModel):
         found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
-        if problem.followers is not None:
-            unknown = problem.followers.expanded(unknown)
-        return found_as(found, point, unknown, self._full)
+        return found_as(found, point, problem.prolongation.prolong(unknown), self._full)
 
     def _assembled(self) -> csr_matrix:
         """K, assembled again."""
         first, *others = self._full.discretisation.stiffness_terms()[0]
         whole = sum(others, start=first)
-        followers = self._full.problem.followers
-        return whole if followers is None else followers.of_stiffness([whole])[0]
+        return self._full.problem.prolongation.stiffness([whole])[0]

@@ -207,10 +207,7 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    springs = found.meshed.springs
-    loose = problem.movable if springs is None else problem.movable & (springs == 0)
-    owner = found.meshed.cell_bodies()
-    free = free_bodies(found.scene, problem.points, problem.cell_nodes, owner, loose, problem.followers)
+    free = free_bodies(found.scene, problem, found.meshed.cell_bodies(), found.meshed.springs)
     for body in free:
         found.note(
             f"{body.name} is held by contact alone: without contact it {described(body, body.left)}. If that is not "
@@ -218,7 +215,9 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
         )
     if not free:
         found.say(
-            "displacements and constraints hold every body" if problem.followers else "displacements hold every body"
+            "displacements and constraints hold every body"
+            if found.scene.constraints
+            else "displacements hold every body"
         )
 
 

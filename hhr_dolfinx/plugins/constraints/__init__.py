@@ -16,6 +16,7 @@ PLUGIN = Plugin(
     name="constraints",
     needs=("mortar",),
     public=_PLACES,
+    tools={"constraints": "hhr_dolfinx.plugins.constraints.elimination:eliminated"},
     parts={
         "loads": {
             "hhr_dolfinx.plugins.constraints.couplings": "CoupledForce",

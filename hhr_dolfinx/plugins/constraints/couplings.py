@@ -14,10 +14,10 @@ from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.full_order.free_bodies import rigid_motions
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
 
 UNDETERMINED = 1e-8
@@ -54,7 +54,7 @@ class RigidMotion:
         _check_components(self)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for too few nodes."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for too few nodes."""
         nodes, points = nodes_at(assembler, self.place, self)
         dim = points.shape[1]
         if len(points) < 2 or assembler.hypothesis == "axisymmetric":
@@ -216,7 +216,7 @@ class MeanMotion(_Coupled):
     """
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for undetermined motions."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for undetermined motions."""
         dofs, found = self._fit(assembler)
         kept = found != 0
         entries = found[kept], np.zeros(int(kept.sum()), dtype=int), dofs[kept]

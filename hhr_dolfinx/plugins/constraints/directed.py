@@ -9,9 +9,9 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
 
 ROUND = ("radial", "tangential")
@@ -49,7 +49,7 @@ class DirectedDisplacement:
         check_amplitude(self, what, formulas=True)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`.
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:
             SceneError: for a vector of another dimension, and for nodes on the axis of a round direction.

@@ -13,9 +13,9 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 
 ALIKE = 1e-6
 """Distance of nodes over the size of the mesh up to which they coincide: files have about 7 digits."""
@@ -85,7 +85,7 @@ class Equation:
         check_amplitude(self, "an equation", formulas=True)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`."""
         (dim,) = assembler.test.ufl_shape
         found = []
         for place, component, _ in self.terms:
@@ -150,7 +150,11 @@ class Periodic:
         return found
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not match."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        Raises:
+            SceneError: for surfaces that do not match.
+        """
         (dim,) = assembler.test.ufl_shape
         if (self.shift is not None and len(self.shift) != dim) or (dim == 2 and self.axis != 2):
             raise SceneError(f"{self!r}: in {dim} dimensions a shift has as many numbers, and in the plane axis = 2")

@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import check_tag
 from hhr_dolfinx.plugins.constraints.cut import OTHER
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
@@ -71,7 +71,7 @@ class Preload:
         check_amplitude(self, f"the preload of section {self.section!r}", formulas=True)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`."""
         section = _Section.of(assembler, self.section)
         values = -np.tile(section.normal, section.above.size)
         return Equations(section.openings(assembler.size), section.dofs(section.above), values)
@@ -92,7 +92,7 @@ class ForcedSection:
         check_tag("section", self.section)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`.
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         The pair in the middle opens along the normal n alone, and all others as it does.
         """

@@ -9,8 +9,8 @@ import numpy as np
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 from hhr_dolfinx.plugins.constraints.equations import equations_of
 
 CELLS = {9: "quadrilateral", 27: "hexahedron"}
@@ -29,7 +29,7 @@ class Serendipity:
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for other cells."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for other cells."""
         cells = assembler.cells()
         if cells.shape[1] not in CELLS:
             raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")

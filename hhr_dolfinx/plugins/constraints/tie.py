@@ -10,11 +10,11 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.constraints import Equations
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.surface import warn
 from hhr_dolfinx.parameters import Tag, check_tag
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 from hhr_dolfinx.plugins.constraints.equations import equations_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 
@@ -58,7 +58,11 @@ class Tie:
         return self.pairing(self.slave, self.master)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.full_order.constraints.Constraint`; SceneError for surfaces that do not face."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        Raises:
+            SceneError: for surfaces that do not face each other.
+        """
         pairing = self._pairing
         # on cells of second order all nodes follow the flat parts of facets between them
         surfaces = [replace(assembler.surface(tag), quadratic=None) for tag in pairing.tags]

@@ -25,6 +25,7 @@ def _has_outputs(full: FullModel, recipe: object) -> bool:
 
 PLUGIN = Plugin(
     name="differences",
+    optional=("floating",),
     classes={
         f"{_HERE}.difference": "ExactDifference",
         f"{_HERE}.field_response": "FieldResponse",

@@ -86,14 +86,14 @@ def exact_arrays(
         along = np.linalg.qr(contact_of_motions)[0]
         least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
     rows = problem.spread
-    # K times lifts, whose energy K without the dofs that follow others lacks
-    pulled = problem.drawn.toarray()
+    # K times lifts, whose energy K without dependent dofs lacks
+    pulled = problem.pulled.toarray()
     gram, mixed, own = rows.sum(
         np.stack(
             [
                 full.per_load.T @ (problem.stiffness_of_rows @ full.per_load),
-                full.per_load.T @ pulled,
-                rows.of(problem.lifts.tocsr()).T @ problem.lifted.toarray(),
+                full.per_load.T @ rows.of(pulled),
+                rows.of(problem.lifts.tocsr()).T @ rows.of(pulled),
             ]
         )
     )
@@ -103,7 +103,7 @@ def exact_arrays(
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
     cross = problem.contact_rows_times(full.per_load)
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
-    cross[:, lifted] += problem.contact_rows_times(full.stiffness.columns(csc_matrix(pulled[:, lifted])))
+    cross[:, lifted] += problem.contact_rows_times(full.stiffness.columns(csc_matrix(rows.of(pulled[:, lifted]))))
     return factor_of(definite(schur, contact_of_motions)), {
         "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,

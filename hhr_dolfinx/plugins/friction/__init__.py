@@ -26,6 +26,7 @@ def _calibrated(full: FullModel, recipe: Any) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
+    optional=("floating", "inelastic", "pages"),
     public={f"{_HERE}.pair_laws": "Coulomb Tresca", **_OUTPUTS},
     parts={"outputs": _OUTPUTS},
     classes={

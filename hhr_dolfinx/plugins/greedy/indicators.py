@@ -23,6 +23,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.certify.accuracy import force_floor, norm
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import ReductionError, StudyError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.sparse import FreeCholesky
@@ -173,10 +174,9 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         problem,
         stiffness_terms=tuple(term[dofs][:, dofs] for term in problem.stiffness_terms),
         node_mass=problem.node_mass[nodes][:, nodes],
-        free=free,
-        loads=masked(problem.loads[dofs], free),
-        lifts=csc_matrix(problem.lifts[dofs]),
-        forces=None if problem.forces is None else csc_matrix(problem.forces[dofs]),
+        prolongation=Prolongation.of_free(free, csc_matrix(problem.lifts[dofs])),
+        forces=csc_matrix(problem.external[dofs]),
+        pulls=tuple(csc_matrix(term[dofs]) for term in problem.lift_terms),
         contact=csr_matrix(masked(rows.T, free).T),
         gaps=np.asfortranarray(problem.gaps[sets.A_lambda]),
         contact_slaves=number[problem.contact_slaves[sets.A_lambda]],

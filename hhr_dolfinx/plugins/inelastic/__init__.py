@@ -30,6 +30,7 @@ def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
 PLUGIN = Plugin(
     name=_OURS,
     needs=("small_strains", "programs"),
+    optional=("studies",),
     public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": "FlowDeim StressDeim"},
     parts={
         "laws": {name: f"{_HERE}.laws:{name}" for name in _LAWS.split()},

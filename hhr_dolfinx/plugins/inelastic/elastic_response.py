@@ -72,8 +72,7 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
     acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
-    if problem.followers is not None:
-        acting = (abs(problem.followers.everywhere) @ acting.T).T > 0
+    acting = problem.prolongation.touched(acting.T).T
     if (acting.sum(axis=0) > 1).any():
         raise ReductionError(
             "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "

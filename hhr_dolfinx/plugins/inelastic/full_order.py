@@ -110,9 +110,9 @@ class FullEquilibrium(MeshEquilibrium):
         problem = full.problem
         self.fields = self._full = full
         self.problem = problem
-        # with K of all dofs, as if none followed others
-        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, followers=None, pulled=())
-        self._given = None if problem.followers is None else problem.followers.transposed()
+        # with K of all dofs, as if none depended on others
+        every = replace(problem.prolongation, map=None)
+        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, prolongation=every)
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self.operator = gauss.operator
         self.places = gauss.places
@@ -266,16 +266,15 @@ class FullEquilibrium(MeshEquilibrium):
         return loads - internal, self.norms(np.abs(loads) + size)
 
     def internal(self, stress: np.ndarray, grounded: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress, and of springs, on free dofs, those on followers included; the size of their terms."""
+        """Forces of a stress and of springs on free dofs, with those on dependent ones; the size of their terms."""
         internal, size = self.operator.internal(stress)
         if self._ranks is not None:
             internal, size = self._ranks.summed(np.stack([internal, size]))
         internal = internal + grounded
         size = size + np.abs(grounded)
-        if self._given is not None:
-            internal = self._given @ internal
-            size = abs(self._given) @ size
-        return internal * self.problem.free, size * self.problem.free
+        prolongation = self.problem.prolongation
+        free = prolongation.free
+        return prolongation.restrict(internal) * free, prolongation.restrict_sizes(size) * free
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual on the dofs of each body, (bodies,)."""
@@ -290,8 +289,7 @@ class FullEquilibrium(MeshEquilibrium):
             nothing = ElasticPart(elastic.tangents, np.zeros_like(elastic.data))
             found = self.operator.stiffness(tangents, self._pattern, nothing)
             found.data = elastic.data + self._ranks.summed(found.data)
-        follow = self.problem.followers
-        return found if follow is None else follow.of_stiffness([found])[0]
+        return self.problem.prolongation.stiffness([found])[0]
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""

@@ -60,9 +60,8 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     operator = full.operator
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
-    follow = None if problem.followers is None else problem.followers.everywhere
-    if follow is not None:  # test functions are non-zero on dofs that follow those of A, too
-        inside = abs(follow) @ inside.astype(float) > 0
+    follow = problem.prolongation.map
+    inside = problem.prolongation.touched(inside)  # test functions are non-zero on dofs that follow those of A, too
     # cells of the RID without such a dof act on no test function
     cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)

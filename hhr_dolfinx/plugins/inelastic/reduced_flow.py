@@ -51,7 +51,7 @@ class ReducedFlow:
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
     contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
-    follow: Annotated[csr_matrix, "inner", "inner"] | None = None  # T on the inner dofs, (a, a); None without followers
+    follow: Annotated[csr_matrix, "inner", "inner"] | None = None  # T on the inner dofs, (a, a); None for the identity
     springs: Annotated[Floats, "inner"] | None = None  # stiffness to ground of the inner dofs, (a,); None without
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -171,7 +171,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         return loads - self._test @ internal, self.norms(loads) + self.norms(size)
 
     def _internal(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on A, those on followers included, (a,), and the size of their terms."""
+        """Forces of a stress and of springs on A, (a,), with those on dependent dofs; the size of their terms."""
         flow = self.flow
         internal, size = (part[flow.inner] for part in self.operator.internal(stress))
         if flow.springs is not None:

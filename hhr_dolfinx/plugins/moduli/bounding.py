@@ -265,14 +265,12 @@ def with_energies(solver: Solver, point: np.ndarray) -> dict[str, np.ndarray]:
     part = solver.component.part
     body = solver.component.body
     factor = part.factor_at(point)
-    loads = solver.acting(problem)
     # load terms scale with the root of the compliance, lift terms with that of the stiffness
     scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
     work = scales[:, None] * solver.work(point) * scales
-    pulls = loads[:, part.forced.size :]
-    if problem.pulled:  # followers of the component too, which have no rows in K
-        label = np.repeat(components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size)
-        body = np.flatnonzero(np.isin(label, label[body]))
-        pulls = problem.lifted[:, part.lifted]
+    # dependent dofs of the component too, which have no rows in K
+    label = np.repeat(components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size)
+    body = np.flatnonzero(np.isin(label, label[body]))
     own = csc_matrix(problem.lifts[:, part.lifted])[body]
+    pulls = problem.pulled[:, part.lifted]
     return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}

@@ -155,7 +155,7 @@ class Solver:
     def acting(self, problem: ContactProblem) -> csc_matrix:
         """Loads on the component, then K times its lifts, (N, T)."""
         part = self.component.part
-        pulls = problem.drawn[:, part.lifted]
+        pulls = problem.prolongation.restrict(problem.pulled[:, part.lifted])
         return csc_matrix(hstack([problem.external[:, part.forced], pulls]))
 
     def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -179,7 +179,7 @@ class Solver:
     def fields_of_lifts(self, point: np.ndarray) -> np.ndarray:
         """Displacements under K times its lifts, (N, T)."""
         problem = self.with_stiffness(point)
-        drawn = problem.drawn[:, self.component.part.lifted]
+        drawn = problem.prolongation.restrict(problem.pulled[:, self.component.part.lifted])
         if self.serves_all:
             drawn *= self._scale(point)
         return self.solved_columns(problem, point, drawn)
@@ -222,11 +222,9 @@ class Solver:
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
         if not self.serves_all:
-            follow = problem.followers
-            given = columns if follow is None else follow.forces(columns)
+            prolongation = problem.prolongation
             with self._factors.of(problem.own_stiffness) as factors:
-                found = factors.solve_columns(given)
-            return found if follow is None else follow.expanded(found)
+                return prolongation.prolong(factors.solve_columns(prolongation.restrict(csc_matrix(columns))))
         dofs = self.component.dofs
         scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))

@@ -44,8 +44,7 @@ from hhr_dolfinx.timing import Announce
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.functionals.functional import Functionals
-    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.snapshots.store import ArrayStore
 
 
@@ -344,7 +343,7 @@ def _warn_of_untouched(solvers: list[Solver]) -> None:
         )
 
 
-def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Functionals | ReshapedFunctionals | None:
+def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> AllOutputs | None:
     """Outputs for displacements in a basis, (N, ell)."""
     reshaped: Any = full.problem.reshaped
     if reshaped is None:

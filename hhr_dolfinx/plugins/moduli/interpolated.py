@@ -32,9 +32,8 @@ from hhr_dolfinx.plugins.moduli.known_forces import KnownForces
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
-    from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 
 TOGETHER_BYTES = 4e6
@@ -401,7 +400,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     dimension: int  # components of the displacement at a node
     # stress of a displacement at a parameter; None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
-    functionals: Functionals | ReshapedFunctionals | None = None  # outputs of the scene; None if it has none
+    functionals: AllOutputs | None = None  # outputs of the scene; None if it has none
     bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
     unbounded: str = ""  # reason why there is no bound
     # see :class:`~hhr_dolfinx.models.answer.ModelFields`

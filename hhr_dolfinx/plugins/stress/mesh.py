@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse import csc_matrix, hstack
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
+from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.elasticity import strain_vector
@@ -165,12 +165,10 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     loaded = probe.terms(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
-    pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
-    acting = pulled
-    if problem.followers is not None:  # values of equations act on what T^T K T lacks
-        pulled = [csc_matrix(problem.from_rows(csr_matrix(part[:, lifted]))) for part in problem.pulled]
-        acting = [problem.followers.forces(part) for part in pulled]
-    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in acting)]
+    pulls = problem.pulls if problem.moduli else (problem.pulled,)
+    pulled = [csc_matrix(part[:, lifted]) for part in pulls]
+    acting = (problem.prolongation.restrict(part) for part in pulled)
+    blocks = [external[:, loaded], *(masked(part, problem.free) for part in acting)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
     own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)

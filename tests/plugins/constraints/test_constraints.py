@@ -416,7 +416,7 @@ class Unconstrained:
     def modes(self, problem, snapshots):
         """Columns of the POD and random ones."""
         modes = self.pod.modes(problem, snapshots)
-        others = np.random.default_rng(0).normal(size=(len(modes), 3)) * problem.movable[:, None]
+        others = np.random.default_rng(0).normal(size=(len(modes), 3)) * problem.prolongation.movable[:, None]
         return np.linalg.qr(np.hstack([modes, others]))[0]
 
 
@@ -443,8 +443,8 @@ def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, orde
     scene = replace(pressed(constraints), **near)
     training = hhr.train(scene, hhr.Sobol(8), held_out=2)
     model = training.build(replace(recipe, nodes=(hhr.Zone(lambda problem: np.arange(len(problem.points))),)))
-    follow = training.full_order.problem.followers
-    assert follow.own.any()
+    follow = training.full_order.problem.prolongation
+    assert follow.dependent.any()
     field = model.solve(0.93).displacement()
     assert np.abs(follow.broken(field[:, None])).max() < 1e-12 * np.abs(field).max()
     if constraint == "equation":

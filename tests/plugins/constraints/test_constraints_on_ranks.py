@@ -78,9 +78,9 @@ for name, (scene, point) in scenes.items():
         training = hhr.train(scene, hhr.Sobol(8), held_out=2, together=True)
         for kind, model in (("condensed", training.condense()), ("reduced", training.build())):
             out[f"{{name}}, {{kind}}"] = model.solve(point).forces().tolist()
-    if followers := problem.followers:
+    if (prolongation := problem.prolongation).map is not None:
         u = full.solve(point).displacement() - problem.lifts @ problem.theta(point).values
-        assert np.abs(followers.broken(u[:, None])).max() < 1e-12
+        assert np.abs(prolongation.broken(u[:, None])).max() < 1e-12
     if comm.size > 1:
         assert not problem.whole
 yielding = tied(wall=1.0005, pairing=hhr.NodeToSurface, bodies=[

@@ -8,21 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags, hstack, vstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, vstack
 from scipy.sparse.linalg import SuperLU, splu
 
 from hhr_dolfinx.amplitudes import Amplitude, bound
-from hhr_dolfinx.contact.followers import Followers
-from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import box_samples
-from hhr_dolfinx.full_order.loose_equations import chosen
+from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.loads import Assembler, Term, Terms
+from hhr_dolfinx.plugins.constraints.loose_equations import chosen
+from hhr_dolfinx.plugins.constraints.repeated import without_repeated
 from hhr_dolfinx.scene import Scene
 
 SINGULAR = 1e-10
@@ -31,8 +32,6 @@ ROUND_OFF = 1e-14
 """Part of the largest coefficient of a follower up to which a coefficient is round-off."""
 BROKEN = 1e-9
 """Part of its imposed displacements by which an equation of imposed dofs alone may be off: values are formulas."""
-ALIKE = 1e-6
-"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
 TRIED = 16
 """Random points of the box, in addition to its corners, at which such equations are checked."""
 AT_ONCE = 256
@@ -72,14 +71,14 @@ class Constraint(Protocol):
         """Its equations on a mesh."""
 
 
-def followers_of(
+def eliminated(
     scene: Scene,
     assembler: Callable[[object], Assembler],
     cell_nodes: np.ndarray,
     free: np.ndarray,
     imposed: Sequence[Term],
-) -> tuple[Followers, list[Term]]:
-    """Followers of the constraints of a scene, and lifts of their right-hand sides.
+) -> Eliminated:
+    """Dependent dofs of the constraints of a scene, and lifts of their right-hand sides.
 
     ``free`` dofs are not imposed, (N,) bool, and ``imposed`` are the lifts of those that are.
 
@@ -114,8 +113,10 @@ def followers_of(
             given_there[first : first + part.values.size] = part.values
             column = factors.solve(given_there), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
-    whole = csr_matrix(follows + diags((~own).astype(float)))
-    return Followers(own, whole, _groups(cell_nodes, follows, own), middle), terms
+    coupling = csr_matrix(follows + diags((~own).astype(float)))
+    no_lifts = csc_matrix((free.size, 0))
+    prolongation = Prolongation(free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own))
+    return Eliminated(prolongation, terms, partial(without_repeated, middle))
 
 
 def _shares(given: Equations, size: int) -> csr_matrix:
@@ -124,64 +125,6 @@ def _shares(given: Equations, size: int) -> csr_matrix:
     kept = entries.data < 0
     places = given.dependent[entries.row[kept]], entries.col[kept]
     return csr_matrix((-entries.data[kept], places), shape=(size, size))
-
-
-def without_repeated(
-    rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray, follow: Followers, free: np.ndarray
-) -> tuple[ContactRows, np.ndarray, np.ndarray]:
-    """Conditions, their pairs, (m,), and gaps by term, (m, 1 + T), with one instead of several that are the same for V.
-
-    Such are those at both edges of a periodic surface: one bears the force of all, at their mean by areas.
-    """
-    rows, pairs, gaps = _without_middles(rows, pairs, gaps, follow)
-    acting = csr_matrix(follow.acting(rows.matrix) @ diags(free.astype(float)))
-    squares = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
-    touched = np.flatnonzero(abs(rows.matrix) @ follow.own.astype(float) > 0)
-    beside = coo_matrix(acting[touched] @ acting.T)
-    one = touched[beside.row]
-    other = beside.col
-    size = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(gaps).max(initial=0.0))
-    same = squares[one] + squares[other] - 2 * beside.data <= ALIKE**2 * squares[one]
-    same &= (pairs[one] == pairs[other]) & (np.abs(gaps[one] - gaps[other]).max(axis=1) <= ALIKE * size)
-    m = pairs.size
-    graph = csr_matrix((np.ones(int(same.sum())), (one[same], other[same])), shape=(m, m))
-    count, label = connected_components(graph, directed=False)
-    if count == m:
-        return rows, pairs, gaps
-    _, first, label = np.unique(label, return_index=True, return_inverse=True)
-    areas = np.bincount(label, rows.areas)
-    mean = csr_matrix((rows.areas / areas[label], (label, np.arange(m))), shape=(count, m))
-    kept = replace(rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
-    return kept, pairs[first], mean @ gaps
-
-
-def _without_middles(
-    rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray, follow: Followers
-) -> tuple[ContactRows, np.ndarray, np.ndarray]:
-    """Conditions without those at nodes in the middle of faces, which the others of a facet would imply.
-
-    Nodes of edges take them over by areas: functions psi of a pair then still have the sum 1.
-    """
-    dim = rows.points.shape[1]
-    shares = csr_matrix((pairs.size, 0)) if follow.middle is None else follow.middle[dim * rows.slaves]
-    middle = np.flatnonzero(np.diff(shares.indptr))
-    if not middle.size:
-        return rows, pairs, gaps
-    entries = shares[middle].tocoo()
-    count = pairs.size
-    keys = pairs * (follow.own.size + 1) + dim * rows.slaves
-    wanted = pairs[middle[entries.row]] * (follow.own.size + 1) + entries.col
-    order = np.argsort(keys)
-    place = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
-    there = keys[place] == wanted
-    shares = csr_matrix((entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count))
-    given = np.asarray(shares.sum(axis=0)).ravel()
-    kept = np.flatnonzero(given == 0)
-    whole = csr_matrix(shares @ diags(1 / np.where(given > 0, given, 1.0)) + diags((given == 0).astype(float)))[kept]
-    areas = whole @ rows.areas
-    mean = diags(1 / areas) @ whole @ diags(rows.areas)
-    others = replace(rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
-    return others, pairs[kept], mean @ gaps
 
 
 def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:
