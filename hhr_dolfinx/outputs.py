@@ -52,7 +52,8 @@ class ModelProbe:
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
             raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
+                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}: name one of "
+                f"{', '.join(map(str, range(contacts))) or 'none'}"
             )
         found = self.problem.pressing_of(output.contact)
         if not found.size:

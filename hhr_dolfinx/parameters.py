@@ -239,7 +239,7 @@ class ParameterSpace(KnownArguments):
             for name, value, low, high in found
             if not low <= value <= high
         ]
-        return "; ".join(outside) + ": widen the parameter space and train again, or choose a value inside"
+        return "; ".join(outside) + ": choose a value inside, or widen the parameter space, and train small models anew"
 
     def described(self, point: np.ndarray) -> str:
         """A point in words, for messages."""

@@ -130,9 +130,7 @@ class Prolongation:
 
         return OnRows(spread.matrix(self.map[rows]), spread.matrix(transposed), columns)
 
-    def stiffness(
-        self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE
-    ) -> tuple[csr_matrix, ...]:
+    def stiffness(self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE) -> tuple[csr_matrix, ...]:
         """T^T K T, (N, N), or local rows of it, (own, N), by those of the parts of K; parts keep one pattern.
 
         Products of scipy have no zeros. Collective.

@@ -225,7 +225,7 @@ def known_error(fields: Any) -> str:
     if fields.bound is not None:
         known, others = _outputs(fields)
         outputs = f"; outputs {', '.join(known)}" if known else ""
-        return f"{HOW[kind]}: {NORMS}{outputs}" + (f". None of {', '.join(others)}" if others else "")
+        return f"{HOW[kind]}: {NORMS}{outputs}" + (f". No bound of {', '.join(others)}" if others else "")
     if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:

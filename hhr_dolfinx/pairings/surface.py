@@ -254,7 +254,7 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
         vector = np.zeros(0)
     length = np.linalg.norm(vector)
     if vector.shape != (dim,) or not np.isfinite(length) or length == 0:
-        raise SceneError(f"contact normal {normal!r} must be a non-zero vector of length {dim}")
+        raise SceneError(f"contact normal {normal!r} must have {dim} numbers, which are not all zero")
     return vector / length
 
 

@@ -69,7 +69,7 @@ REFUSED = [
     (lambda: built(bodies=(body(tag=geometry.LOWER),)), r"\[2\] belong to no body"),
     (lambda: built(displacements=(hhr.Displacement(geometry.LOWER_FLAT, 2),)), "component 2"),
     (lambda: built(contacts=(hhr.NodeToNode(11, 12, (0, 0)),)), "normal"),
-    (lambda: built(contacts=(hhr.NodeToNode(11, 12, (0, 1, 0)),)), "length 2"),
+    (lambda: built(contacts=(hhr.NodeToNode(11, 12, (0, 1, 0)),)), "must have 2 numbers"),
     (lambda: built(displacements=(hhr.Displacement(21, 1, HIGHER),)), r"\['height'\], .* parameters are \('mu',\)"),
     (lambda: built(displacements=(hhr.Displacement(21, 0), hhr.Displacement(21, 0, 1.0))), "different values"),
     (lambda: hhr.FullOrderModel(UNLIKE), r"face each other.*no partner, e\.g\. at \["),

@@ -113,7 +113,8 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
         answer = full.solve(full.parameters.middle if point is None else point)
         off = mesh_error(full, answer)
         if off[0] > COARSE:
-            found.note(f"{off.in_words()}; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)")
+            remedy = "refine the mesh, or take Scene(order=2) where surfaces of contact are flat"
+            found.note(f"{off.in_words()}; more than {COARSE:.0%} is much: {remedy}")
         else:
             found.say(off.in_words())
 

@@ -47,9 +47,7 @@ def without_repeated(
     return kept, pairs[first], mean @ gaps
 
 
-def _without_middles(
-    of_middles: csr_matrix, rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray
-) -> Conditions:
+def _without_middles(of_middles: csr_matrix, rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray) -> Conditions:
     """Conditions without those at nodes in the middle of faces, which the others of a facet would imply.
 
     Nodes of edges take them over by areas: functions psi of a pair then still have the sum 1.

@@ -67,9 +67,14 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
     piece = _pieces(parts)
     if not pairs:
         left.append(Left(source, "contact", "no surfaces of two bodies face each other: name a pair in contacts"))
-    if pairs and not supports:
-        supports, proposed = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
-        loads = loads or proposed
+    held = {item.component for item in supports}
+    if pairs and len(held) < dim and not planes:
+        proposed, pressures = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
+        along = {(piece.get(item.place), item.component) for item in supports}
+        supports += [item for item in proposed if (piece[item.place], item.component) not in along]
+        loads = loads or pressures
+        if not loads:
+            left.append(Left(source, "loads", "no surface to press, and the answer is zero: name one in the file"))
     elif not pairs and not loads:
         made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
         supports = supports or made
@@ -143,20 +148,25 @@ def _by_places(
     left: list[Left],
     named: Container[Tag],
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the file names first."""
+    """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the file names first.
+
+    The body is pressed that has a surface with such a name, or that of the first surface of the pair.
+    """
     slave = pair[0]
+    pressed = next((piece[name] for name in piece if _begins(name, PRESSED)), piece[slave])
     supports: list[Support] = []
     loads: list[Load] = []
     for number in sorted({piece[name] for name in pair}):
-        sides = [name for name in piece if piece[name] == number and name not in pair]
+        own, other = sorted(pair, key=lambda name: piece[name] != number)
+        sides = [name for name in piece if piece[name] == number and name not in pair and not _begins(name, SYMMETRIC)]
         far = _far(parts, [name for name in sides if name in named], slave) or _far(parts, sides, slave)
+        far = far or _facing_away(parts, sides, other)
         if far is None:
-            own = next(name for name in pair if piece[name] == number)
             left.append(Left(source, "support", f"no named surface to hold the body of {own!r}"))
             continue
-        along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == piece[slave] else -1
+        along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == pressed else -1
         supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]
-        if number == piece[slave]:
+        if number == pressed:
             loads = [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
     return supports, loads
 
@@ -266,6 +276,15 @@ def _pair(parts: NamedParts, slave: Tag, master: Tag, source: str) -> Pair:
     normal = parts.flat_normal(slave)
     direction = () if normal is None else tuple((0.0 - normal).tolist())
     return replace(parts.pair(slave, master, 0.0, source), direction=direction)
+
+
+def _facing_away(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:
+    """The surface whose normals are most like those of a surface of another body, within 60 degrees of them."""
+    normal = parts.normals(name).mean(axis=0)
+    normal /= np.linalg.norm(normal)
+    cosines = {one: float(parts.normals(one).mean(axis=0) @ normal) for one in names}
+    best = max(cosines, key=cosines.__getitem__, default=None)
+    return best if best is not None and cosines[best] > 0.5 else None
 
 
 def _far(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:

@@ -45,10 +45,9 @@ def check_model(model: object, what: str = "a page") -> None:
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
     ):
-        own = getattr(model, "eliminated", None)
-        kind = f"a {type(model).__name__}" + ("" if own is None else f" with {type(own).__name__}")
         raise NotOfferedError(
-            f"cannot write {what} of {kind}: only condensed models, which keep all contact conditions, are supported. "
+            f"cannot write {what} of a {type(model).__name__}: only condensed models, which keep all contact "
+            "conditions, are supported. "
             "Call hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.law.plugin:

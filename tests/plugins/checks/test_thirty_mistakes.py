@@ -274,7 +274,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "two outputs of a name": (lambda scene: replace(scene, outputs=scene.outputs[:1] * 2),
                               r"'force on the roller': each needs a name of its own"),
     "an output of no contact": (of(outputs=(hhr.LargestPressure("p", contact=2),)),
-                                r"output 'p' names contact 2, and the scene has 2, counted from 0"),
+                                r"output 'p' names contact 2, and the scene has 2: name one of 0, 1"),
     "an output off the mesh": (of(outputs=(hhr.DisplacementAt("tip", (0.0, 40.0), 1),)),
                                r"output 'tip': .* away from the nearest point.*move it"),
 }  # fmt: skip

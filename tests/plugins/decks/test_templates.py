@@ -57,6 +57,17 @@ def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     assert force == pytest.approx(10.0, rel=1e-9)
 
 
+def test_symmetry_alone_does_not_hold_a_body(tmp_path):
+    """Planes of symmetry along x and y: along z the far end of the column is held, and the lid guided."""
+    code, output = invoke("start", column(tmp_path, "FOOT"))
+    assert code == 0 and output.count("TODO") == 1, output
+    scene = scene_of(str(tmp_path / "column.py"))
+    held = {(item.tag, item.component) for item in scene.displacements}
+    assert held >= {("SYMMETRY_X", 0), ("SYMMETRY_Y", 1), ("FOOT", 2)} and ("Pressure_lid", 2) not in held
+    assert [load.tag for load in scene.loads] == ["Pressure_lid"]
+    assert hhr.FullOrderModel(scene).solve(scene.parameters.middle).forces().sum() == pytest.approx(1.0, rel=1e-6)
+
+
 def test_two_names_of_a_surface_give_one_pair(tmp_path):
     """Gmsh writes each surface as SurfaceN, too: the name of the user counts, and conditions are not there twice."""
     path = column(tmp_path)

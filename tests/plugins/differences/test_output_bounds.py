@@ -76,7 +76,7 @@ def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
     medians = check(pellet.full_order, model, pellet.full_order.parameters.random(5, 1))
     left_out = [output.name for output in pellet.full_order.scene.outputs if output.name not in medians]
     assert {"largest", "mean"} <= set(left_out) and "peak" in medians
-    assert model.known_error.endswith(f". None of {', '.join(left_out)}")
+    assert model.known_error.endswith(f". No bound of {', '.join(left_out)}")
     with pytest.raises(ParameterError, match="'largest': it reads more"):
         hhr.FallbackModel(model, pellet.full_order, of="largest")
 

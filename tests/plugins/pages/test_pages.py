@@ -393,7 +393,7 @@ HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.
     [
         (
             lambda trained: trained.build(contract.AS_IT_IS),
-            "cannot write a page of a ReducedModel with CondensedModel: only condensed models",
+            "cannot write a page of a ReducedModel: only condensed models",
         ),
         pytest.param(
             lambda trained: trained.local(hhr.Clusters(2), recipe=contract.AS_IT_IS),
