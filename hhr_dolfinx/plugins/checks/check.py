@@ -49,6 +49,7 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
         return found
     look_at_mesh(found)
     _names(found)
+    _units(found)
     for item in scene.contacts:  # separately, so that all of them are reported
         surfaces: list[Surface] = []
         rows = None
@@ -73,6 +74,19 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
                 _load(found, load, middle)
         _outputs(found, problem, laws)
     return found
+
+
+def _units(found: SceneCheck) -> None:
+    """Parameters whose unit is another one than that of the scene: labels convert nothing."""
+    units = found.scene.units
+    labels = found.scene.parameter_units
+    for name in (name for name in found.scene.parameters.names if units is not None):
+        expected = units.conflict(labels.get(name, ""))
+        if expected is not None:
+            found.note(
+                f"parameter {name} is said to be in {labels[name]}, and numbers of the scene are in {expected}: a "
+                "label converts nothing. Give its box in that unit, unless its formulas convert it"
+            )
 
 
 def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWithLaws | None]:

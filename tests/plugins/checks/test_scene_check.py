@@ -264,6 +264,18 @@ def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     assert min((tmp_path / name).stat().st_size for name in ("plane.png", "space.png")) > 10_000
 
 
+@pytest.mark.parametrize(("unit", "warned"), [("m", True), ("mm", False), ("um", True), ("turns", False), ("", False)])
+def test_a_unit_of_a_parameter_is_compared_with_those_of_the_scene(unit, warned):
+    """A travel in m would be taken as one in mm."""
+    scene = replace(pressed_block("plane_strain"), units=hhr.Units("mm", "MPa"))
+    name = scene.parameters.names[0]
+    notes = texts(check_scene(replace(scene, parameter_units={name: unit})), NOTE)
+    assert (
+        any(f"parameter {name} is said to be in {unit}, and numbers of the scene are in mm" in one for one in notes)
+        == warned
+    )
+
+
 @needs("places")
 def test_a_spring_to_a_still_ground_is_no_idle_load():
     """A load whose amplitude is 0 does nothing, but a spring resists."""
