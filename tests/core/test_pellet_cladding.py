@@ -123,12 +123,13 @@ def test_every_change_of_the_problem_gives_other_snapshots(small, tmp_path):
     """Small numbers beside large ones count too: a force of 0.1 beside 1e11, a gap beside a unit lift."""
     point, store = np.array([100.0, 3.0]), hhr.SnapshotStore(tmp_path, small)
     store.save(small.solve(point))
-    for name in ("loads", "gaps", "lifts"):
-        value = getattr(small.problem, name)
+    for owner, name in ((None, "forces"), (None, "gaps"), ("prolongation", "lifts")):
+        changed = small.problem if owner is None else getattr(small.problem, owner)
+        value = getattr(changed, name)
         change = csc_matrix(([1e-9], ([value.shape[0] - 1], [value.shape[1] - 1])), shape=value.shape)
+        value = value + (change if issparse(value) else change.toarray())
+        changed = dataclasses.replace(changed, **{name: value})
         other = copy(small)
-        other.problem = dataclasses.replace(
-            small.problem, **{name: value + (change if issparse(value) else change.toarray())}
-        )
+        other.problem = changed if owner is None else dataclasses.replace(small.problem, **{owner: changed})
         assert hhr.SnapshotStore(tmp_path, other).load(point) is None
     assert store.load(point) is not None
