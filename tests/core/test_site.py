@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +55,18 @@ def test_links_lead_somewhere(page):
         if not file.exists() or (anchor and anchor not in anchors(file)):
             lost.append(target)
     assert not lost
+
+
+@pytest.mark.slow
+@needs(*OURS)
+def test_the_site_is_built_without_a_warning(tmp_path):
+    """As `make docs` does: demos on the site are run, and what the reference lists is imported."""
+    pytest.importorskip("myst_nb")
+    pytest.importorskip("furo")
+    command = [sys.executable, "-m", "sphinx", "--quiet", "--keep-going", "-W", "--builder", "html", DOCS, tmp_path]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr[-3000:]
+    assert (tmp_path / "index.html").exists() and len([*tmp_path.glob("reference/*.html")]) > 5
 
 
 def rows_of_fidelity():
