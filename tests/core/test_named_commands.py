@@ -180,7 +180,8 @@ def test_a_command_of_another_test_is_named_and_its_test_is_there(line):
 
 
 TARGETS = {
-    "lint": ".ci/run", "docs": "tests/core/test_site.py::test_the_site_is_built_without_a_warning", "test": ".ci/run", "setup": ".ci/run", "slice": ".ci/run",
+    "lint": ".ci/run", "test": ".ci/run", "setup": ".ci/run", "slice": ".ci/run",
+    "docs": "tests/core/test_site.py::test_the_site_is_built_without_a_warning",
     "quick": "tests/core/test_house.py::test_files_of_make_quick_are_there",
     "test-core": "tests/core/test_without.py::test_the_core_passes_without_plug_ins",
     "slow": "tests/slow_report.json", "mutants": "tests/core/test_mutations.py",
