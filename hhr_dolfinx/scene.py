@@ -202,10 +202,9 @@ class Scene(KnownArguments):
             raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_shapes()
         springs = any(hasattr(load, "stiffness") for load in self.loads)
-        if (self.constraints or springs) and (self.shapes or self.system is not None):
+        if (self.constraints or springs) and self.system is not None:
             raise SceneError(
-                f"scene '{self.name}' has constraints or springs, which are built in for bodies without shapes and "
-                "systems"
+                f"scene '{self.name}' has constraints or springs, and a system of its own: state them in its K"
             )
         if self.reader:
             laws_of_scenes(self.reader).check_scene(self)

@@ -27,7 +27,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, rounded
+from hhr_dolfinx.errors import NotSolvableError, SceneError, rounded
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
@@ -355,17 +355,14 @@ class Discretisation(DiscreteSpace):
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
             changes = item.gap_terms(surfaces, part) if hasattr(item, "gap_terms") else []
+            if changes and self.reshaped is not None:
+                self.reshaped.check_still(f"contact {place}", surfaces[0].nodes, changes)
             opened += [(place, term) for term in changes]
             if self.scene.overwritten(place):
                 if changes:
                     raise SceneError(f"an opening overwrites the gaps of contact {place}, which moves by a formula")
                 part = replace(part, gap=np.zeros(part.gap.size))
             parts.append(part)
-        if opened and self.scene.shapes:
-            raise NotOfferedError(
-                f"scene '{self.scene.name}' has shapes, and obstacles whose place or size depends on parameters: that "
-                "is not built in. Give the obstacles numbers"
-            )
         pairs = np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
         every = csc_matrix(identity(pairs.size))
         terms = [Term(item.amplitude, (pairs == item.contact)[:, None].astype(float)) for item in self.scene.openings]

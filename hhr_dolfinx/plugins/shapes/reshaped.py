@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, ShapeError
+from hhr_dolfinx.errors import NotOfferedError, PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
 from hhr_dolfinx.full_order.system import System
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.contact.stiffness import Stiffness
     from hhr_dolfinx.full_order.system import Parts
+    from hhr_dolfinx.loads import Term
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -191,12 +193,49 @@ class Reshaped:
         return self._kept(point[list(self.axes)].tobytes())
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
-        """Attach the base problem, that of the middle of the box, whose order the others have."""
+        """Attach the base problem, that of the middle of the box, whose order the others have.
+
+        SceneError for constraints or springs that act on a body whose shape depends on parameters.
+        """
+        self._check_unmoved(problem)
         self._base = replace(problem, reshaped=self)
         terms = sum(term.data.nbytes for term in problem.stiffness_terms) + problem.node_mass.data.nbytes
         # tables of forces, fields and outputs use the same shapes, which take seconds to assemble and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
+
+    def _check_unmoved(self, problem: ContactProblem) -> None:
+        """Equations and springs on a mesh that moves would depend on its shape."""
+        coupling = problem.prolongation.map
+        springs = self._owner.springs
+        moved = np.repeat(self._moving_nodes(), problem.block_size)
+        acting = {
+            "constraints": np.zeros(moved.size, bool) if coupling is None else _coupled(coupling),
+            "springs": np.zeros(moved.size, bool) if springs is None else springs != 0,
+        }
+        for what, dofs in acting.items():
+            if (dofs & moved).any():
+                raise SceneError(
+                    f"{what} of scene '{self._owner.scene.name}' act on a body whose shape depends on parameters: that "
+                    "is built in for bodies that keep their shape"
+                )
+
+    def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
+        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""
+        if any(hasattr(term.amplitude, "points") for term in terms) and self._moving_nodes()[nodes].any():
+            raise NotOfferedError(
+                f"{what} of scene '{self._owner.scene.name}' is with a curved obstacle whose place or size depends on "
+                "parameters, and its surface moves with a shape, on which its gaps depend in another way: give the "
+                "obstacle numbers, or move it past a body that keeps its shape"
+            )
+
+    def _moving_nodes(self) -> np.ndarray:
+        """Nodes of the displacement that shapes move, (nodes,) bool."""
+        owner = self._owner
+        moving = np.zeros(len(owner._points()), dtype=bool)
+        for shape in owner.scene.shapes:
+            moving[owner._cell_nodes()[owner.cells_of(shape.tag)]] = True
+        return moving
 
     def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
@@ -272,3 +311,13 @@ class Reshaped:
             f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around {place}: "
             "narrow the box, or move the nodes around it too"
         )
+
+
+def _coupled(coupling: csr_matrix) -> np.ndarray:
+    """Dofs that depend on others, and those that they follow, by T, (N, N): (N,) bool."""
+    rows, columns = coupling.nonzero()
+    apart = rows != columns
+    dofs = np.asarray(coupling.diagonal()) != 1.0
+    dofs[rows[apart]] = True
+    dofs[columns[apart]] = True
+    return dofs

@@ -244,7 +244,7 @@ def test_a_tie_of_nodes_and_mistakes():
             hhr.Tie(3, 4, pairing=pairing)
     with pytest.raises(SceneError, match="must be an integer or a name"):
         hhr.Tie(None, 3)
-    with pytest.raises(SceneError, match="without shapes and systems"):
+    with pytest.raises(SceneError, match="a system of its own"):
         replace(scene, system=lambda *_: None)
 
 
