@@ -20,7 +20,7 @@ from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Floats, KnownArguments
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import STEP, Formula, Scalar, box_samples, formula_of
+from hhr_dolfinx.formulas import LONGEST, STEP, Formula, Scalar, box_samples, formula_of
 from hhr_dolfinx.pairings.surface import (
     GRAZING,
     Surface,
@@ -93,6 +93,17 @@ class Distances(Rebuilt):
         """Columns and changes of the gaps at a point, (P,)."""
         found = self._at(dict(zip(self.names, point.tolist(), strict=True))) - self.still
         return list(range(self.count)), found.tolist()
+
+    def scalars(self) -> tuple[Scalar, ...] | None:
+        """Formulas of the columns, for programs that evaluate formulas alone; None without a closed form."""
+        written = getattr(self.shape, "written", None)
+        if written is None:
+            return None
+        far = FAR * np.ptp(self.points, axis=0).max(initial=0.0)
+        rows = zip(self.points, self.normals, self.still, strict=True)
+        texts = [f"{written(self.sizes, point, normal, far)}-({float(gap)!r})" for point, normal, gap in rows]
+        too_long = max(map(len, texts), default=0) > LONGEST
+        return None if too_long else tuple(Scalar(text, self.names) for text in texts)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the gaps along the parameters, exact to round-off, (m, P)."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.plugins.obstacles.rigid import Rigid, Size
+from hhr_dolfinx.plugins.obstacles.written import written_gap
 
 TIP = 1e-7
 """Part of the distance to the tip of a cone within which a normal passes through it."""
@@ -72,6 +73,10 @@ class Quadric:
                 found = np.where(np.real(height + found * rise) >= 0, found, np.nan)
                 found = np.where(at_place & (np.real(height) < 0), straight, found)
         return found
+
+    def written(self, sizes: Sequence[str], point: np.ndarray, normal: np.ndarray, far: float) -> str:
+        """The same as a formula, of formulas of the sizes, for one point and its normal, (dim,) each."""
+        return written_gap(self.kind, self.inside, sizes, point, normal, far, TIP)
 
 
 def _axis(sizes: np.ndarray, dim: int) -> np.ndarray:

@@ -162,6 +162,8 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
             others.append({"kind": "coverage", **own})
         elif isinstance(item, Scalar):
             others.append({"kind": "formula", "steps": steps_of(item)})
+        elif (scalars := getattr(item, "scalars", lambda: None)()) is not None:
+            others += [{"kind": "formula", "steps": steps_of(scalar)} for scalar in scalars]
         else:
             raise NotOfferedError(
                 f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: give the model file"

@@ -124,7 +124,7 @@ DISCARD = 2
 
 
 @compiled
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves"))
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "moving tool"))
 def test_a_header_has_the_digits_of_python(name, tmp_path):
     """Whether it starts from the answer before or from open contacts, where springs hold bodies."""
     model = hhr.condense((SCENES | MORE)[name](), fields=True)

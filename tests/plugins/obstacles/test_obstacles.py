@@ -12,7 +12,9 @@ from surfaces import make
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, PairingWarning, SceneError, SceneWarning
+from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.plugins.obstacles.rigid import Distances, distances
 
 RNG = np.random.default_rng(0)
 POINTS = RNG.normal(size=(40, 3))
@@ -513,17 +515,54 @@ def test_friction_on_a_cone(section):
 
 
 @needs("pages")
-def test_pages_know_a_radius_and_refuse_what_moves(tmp_path):
-    for place, center in enumerate((9.98, "R - 0.02")):
-        full = hhr.FullOrderModel(hertz((hhr.Circle(TOP, (0.0, center), "R"),), {"R": (9.97, 9.99)}))
+def test_pages_know_round_tools_and_refuse_drawn_ones_that_turn(tmp_path):
+    drawn = hhr.Profile(TOP, "5 - 0.001 * x**2", between=(-20, 20), place=("R", 0.0))
+    for place, tool in enumerate((hhr.Circle(TOP, (0.0, 9.98), "R"), hhr.Circle(TOP, (0.0, "R - 0.02"), "R"), drawn)):
+        box = {"R": (9.97, 9.99) if place < 2 else (0.0, 0.01)}
+        full = hhr.FullOrderModel(hertz((tool,), box))
         model = hhr.condense(full)
         path = tmp_path / f"{place}.html"
-        if place == 0:
+        if place < 2:
             hhr.write_model_page(path, model, hhr.scenery_of(full))
             assert path.stat().st_size > 1000
         else:
             with pytest.raises(NotOfferedError, match="a page knows no amplitude of kind Distances"):
                 hhr.write_model_page(path, model, hhr.scenery_of(full))
+
+
+SIZES = {
+    "sphere": (hhr.Sphere, 3, ("a", "0.2*b", "-0.1", "0.7+0.1*c")),
+    "circle": (hhr.Circle, 2, ("a", "b-0.1", "0.7*(1+0.1*c)")),
+    "cylinder": (hhr.Cylinder, 3, ("a", "b", "0.1", "1", "0.3", "-0.2", "0.6+0.1*c")),
+    "turning cylinder": (hhr.Cylinder, 3, ("a", "b", "0.1", "1+0.1*c", "0.3", "-0.2", "0.6")),
+    "cone": (hhr.Cone, 3, ("a", "b", "-0.1*c", "0.1", "0.2", "1", "30")),
+}
+
+
+@pytest.mark.parametrize("inside", [False, True])
+@pytest.mark.parametrize("name", SIZES)
+def test_formulas_of_gaps_are_the_gaps(name, inside):
+    """To round-off at random points of the box, also where normals miss the obstacle, or pass through a tip."""
+    kind, dim, sizes = SIZES[name]
+    rng = np.random.default_rng(1)
+    names = ("a", "b", "c")
+    place, axis = sizes[:dim], sizes[dim:-1]
+    shape = kind(1, *((place, axis) if axis else (place,)), sizes[-1], inside=inside)._shape
+    points = rng.uniform(-1.5, 1.5, (40, dim))
+    middle = np.array([float(Scalar(text, names).value(np.zeros(3))) for text in sizes])
+    normals = shape.normals(middle, points)[0] + rng.normal(0.0, 0.3, points.shape)
+    offsets = points - middle[:dim]
+    before = np.flatnonzero(offsets @ middle[dim : 2 * dim] < 0)[:4] if axis else np.arange(4)
+    normals[before] = -offsets[before]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    gaps = Distances(shape, sizes, names, points, normals, distances(shape, middle, points, normals))
+    scalars = gaps.scalars()
+    missed = 0
+    for point in (np.zeros(3), *rng.uniform(-0.3, 0.3, (6, 3))):
+        exact = np.array(gaps(point)[1])
+        missed += np.count_nonzero(exact + gaps.still > 20.0)
+        assert [scalar.value(point) for scalar in scalars] == pytest.approx(exact, abs=1e-11)
+    assert missed > 0 and any(isinstance(scalar.derivative(np.zeros(3)), np.ndarray) for scalar in scalars)
 
 
 def test_mistakes():

@@ -21,13 +21,14 @@ import test_moduli
 from bare import WAIT
 from mpi4py import MPI
 from needs import needs
-from scenes import slope
+from scenes import block_scene, slope
 from scipy.sparse import csr_matrix
 from sheared import driven, leaning, lifted, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.displacement import dense
@@ -148,6 +149,25 @@ def halves():
     return split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
 
 
+def indented():
+    """A block under a round tool that moves aside and down, and grows; normals of the nodes at its ends miss it."""
+    top = block.side(1, upper=True)
+    sides = (block.side(0, upper=False), block.side(0, upper=True))
+    return block_scene(
+        "indented",
+        {"down": (0.0, 0.05), "aside": (-0.06, 0.06), "grown": (0.0, 0.2)},
+        lower=(-2.0, 0.0),
+        upper=(2.0, 1.0),
+        cells=(16, 4),
+        contacts=(hhr.Circle(top, center=("aside", "1.79 + 0.5 * grown - down"), radius="0.8 + 0.5 * grown"),),
+        displacements=(
+            *(hhr.Displacement(side, 0) for side in sides),
+            *hhr.Displacement.clamp(block.side(1, upper=False), 2),
+        ),
+        outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 0, (0.0, 1.0))),
+    )
+
+
 OF_PELLET = (
     hhr.LargestPressure("peak", 0),
     hhr.ContactForce("push", 0, (1.0, 0.0)),
@@ -166,6 +186,7 @@ SCENES = {
 }
 MORE = {
     "held by contact": held,
+    "moving tool": indented,
     "halves": halves,
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
@@ -179,12 +200,13 @@ def marked(*names):
     marks = {name: [needs("moduli")] for name in OF_MODULI}
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
+    marks["moving tool"] = [needs("obstacles")]
     marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")], "held by contact": [needs("nonmatching")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 @in_node
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves"))
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "moving tool"))
 def test_a_page_has_the_digits_of_python(name):
     """Whether it starts from the answer before, from the gaps, or from none closed, where springs hold bodies."""
     _, model, scenery = known(name)
