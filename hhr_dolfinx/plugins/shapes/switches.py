@@ -1,0 +1,20 @@
+"""A switch of shapes that are parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.geometries.two_blocks import FIRST
+from hhr_dolfinx.plugins.shapes.shape import Shape
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.conformance.draft import Draft
+
+
+def shape(draft: Draft, neutral: bool) -> Draft:
+    """A crown of the lower block."""
+    draft = draft.with_parameter("crown", -0.007, 0.01, 0.0 if neutral else 0.006)
+    along, up, *others = draft.coordinates
+    crowned = Shape(FIRST, (along, f"{up} - crown * {up} * ({along} - 2.5)**2", *others))
+    return replace(draft, shapes=(*draft.shapes, crowned))
