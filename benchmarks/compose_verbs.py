@@ -10,7 +10,7 @@ from __future__ import annotations
 import tempfile
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -419,9 +419,9 @@ def ended(names: tuple[str, ...], verb: str, run: Callable[[], float]) -> Row:
     return Row(names, verb, "works", **measured)
 
 
-def tried(names: Iterable[str], verbs: Iterable[str]) -> list[Row]:
+def tried(names: Iterable[str], verbs: Iterable[str]) -> Iterator[Row]:
     """Rows of all verbs of a composition; a scene that is refused or excluded ends all of them alike."""
-    own, rows = tuple(names), []
+    own = tuple(names)
     case: Case | None = None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -437,12 +437,12 @@ def tried(names: Iterable[str], verbs: Iterable[str]) -> list[Row]:
                 return VERBS[verb](case)
 
             row = ended(own, verb, run)
-            rows.append(row._replace(seconds=round(clock() - begin, 2)))
-    return rows
+            yield row._replace(seconds=round(clock() - begin, 2))
 
 
 def in_a_child(connection: Any, names: tuple[str, ...], verbs: tuple[str, ...]) -> None:
     """Send the rows of a composition through a pipe: what a child process runs."""
     with compose_toys.registered():
-        connection.send(tried(names, verbs))
+        for row in tried(names, verbs):
+            connection.send(row)
     connection.close()
