@@ -15,6 +15,8 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError
 
+Forces = list[np.ndarray]
+"""Forces of all contact conditions at each step of a path."""
 LIMIT = 100
 """Seconds after which node or a compiler is held to hang."""
 STEPS = hhr.MarchSettings(relative_force=1e-11, iterations=200, outside="ignore")
@@ -23,10 +25,12 @@ PROGRAM = """
 const fs = require("fs"), hhr = global.hhr = require(process.argv[1]);
 const { page, path, scripts } = JSON.parse(fs.readFileSync(0, "utf8"));
 for (const script of scripts) require(script);
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const own = page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1];
+const data = JSON.parse(own);
 const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), found = [];
 if (data.tree.floating) new hhr.Floating(model);
-const steps = data.tree.flow ? new hhr.Flowing(model) : data.tree.friction ? new hhr.Sliding(model) : null;
+const { flow, friction } = data.tree;
+const steps = flow ? new hhr.Flowing(model) : friction ? new hhr.Sliding(model) : null;
 let state = steps && steps.rest(path[0]);
 for (const point of path.slice(1)) {
   state = steps ? steps.reached(state, point) : model.solve(point);
@@ -41,8 +45,8 @@ int ask(int count, const double *points, double *forces, double *outputs) {
     press_work *work = press_new();
     int status = PRESS_DONE;
     for (int k = 1; k < count && !status; k++)
-        status = press_solve(work, points + k * PRESS_PARAMETERS, forces + (k - 1) * PRESS_CONDITIONS,
-                             outputs);
+        status = press_solve(work, points + k * PRESS_PARAMETERS,
+                             forces + (k - 1) * PRESS_CONDITIONS, outputs);
     press_free(work);
     return status;
 }
@@ -71,19 +75,31 @@ def program(name: str) -> str:
     """
     found = shutil.which(name)
     if found is None:
-        raise MissingPackageError(f"{name} is not on the PATH: install it, or leave out the verbs that need it")
+        raise MissingPackageError(f"{name} is not on the PATH: install it, or leave its verb out")
     return found
 
 
-def expected(model: Any, path: list, remembers: bool) -> list[np.ndarray]:
+def run(words: list[str], **how: Any) -> str:
+    """Output of a program.
+
+    Raises:
+        RuntimeError: if it fails, with the end of what it says.
+    """
+    done = subprocess.run(words, capture_output=True, text=True, timeout=LIMIT, **how)
+    if done.returncode:
+        raise RuntimeError(f"{Path(words[0]).name}: {done.stderr[-400:]}")
+    return done.stdout
+
+
+def expected(model: Any, path: list, remembers: bool) -> Forces:
     """Forces of all contact conditions in Python, increment by increment or point by point."""
     if not remembers:
         return [model.solve(point, outside="ignore").forces() for _, point in path[1:]]
-    settings = hhr.MarchSettings(outside="ignore") if model.law.plugin and model.equilibrium is None else STEPS
+    settings = STEPS if model.equilibrium is not None else hhr.MarchSettings(outside="ignore")
     return [answer.multipliers for answer in model.march(path, settings).answers]
 
 
-def page(model: Any, full: Any, path: list, remembers: bool) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def page(model: Any, full: Any, path: list, remembers: bool) -> tuple[Forces, Forces]:
     """Forces of a page in node, and of Python."""
     from hhr_dolfinx.plugins.pages import page as pages
     from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
@@ -101,13 +117,11 @@ def page(model: Any, full: Any, path: list, remembers: bool) -> tuple[list[np.nd
         "scripts": [str(one) for one in scripts],
     }
     words = [program("node"), "-e", PROGRAM, str(here / "model.js")]
-    done = subprocess.run(words, input=json.dumps(given), capture_output=True, text=True, timeout=LIMIT)
-    if done.returncode:
-        raise RuntimeError(f"node: {done.stderr[-400:]}")
-    return [np.array(one, dtype=float) for one in json.loads(done.stdout)], expected(model, path, remembers)
+    found = json.loads(run(words, input=json.dumps(given)))
+    return [np.array(one, dtype=float) for one in found], expected(model, path, remembers)
 
 
-def header(model: Any, path: list, remembers: bool) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def header(model: Any, path: list, remembers: bool) -> tuple[Forces, Forces]:
     """Forces of a compiled C header, and of Python."""
     from hhr_dolfinx.plugins.exporters.c_header import write_c_header
 
@@ -119,9 +133,7 @@ def header(model: Any, path: list, remembers: bool) -> tuple[list[np.ndarray], l
         write_c_header(folder / "press.h", model)
         (folder / "press.c").write_text(INCREMENTS if remembers else POINTS)
         words = [program("cc"), *WORDS, "-o", "press.so", "press.c", "-lm"]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=LIMIT)
-        if done.returncode:
-            raise RuntimeError(f"cc: {done.stderr[-400:]}")
+        run(words, cwd=folder)
         asked = ctypes.CDLL(str(folder / "press.so")).ask
         arrays = [ctypes.c_void_p(one.ctypes.data) for one in (points, forces, outputs)]
         status = asked(len(points), *arrays)

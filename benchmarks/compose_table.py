@@ -1,4 +1,4 @@
-"""Tables of the benchmark of composition: shares of outcomes, the matrix of pairs, sentences of refusals."""
+"""Tables of the benchmark of composition: shares, the matrix of pairs, sentences of refusals."""
 
 from __future__ import annotations
 
@@ -24,11 +24,14 @@ def shares(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, dict[str, int]
     for row in rows:
         size = SIZES.get(len(row["capabilities"]), "more")
         found[row["verb"]][size][row["outcome"]] += 1
-    return {verb: {size: dict(sorted(n.items())) for size, n in own.items()} for verb, own in found.items()}
+    plain_counts: dict[str, dict[str, dict[str, int]]] = {}
+    for verb, own in found.items():
+        plain_counts[verb] = {size: dict(sorted(count.items())) for size, count in own.items()}
+    return plain_counts
 
 
 def share(counts: dict[str, int]) -> str:
-    """Share of what works among what is not excluded; ``none``, with nothing to compare, is left out."""
+    """Share of what works, without what is excluded and what has nothing to compare, ``none``."""
     left_out = counts.get("excluded", 0) + counts.get("none", 0)
     count = sum(counts.values()) - left_out
     works = counts.get("works", 0)
@@ -49,7 +52,7 @@ def share_lines(rows: Rows) -> list[str]:
 
 
 def letter(outcomes: dict[str, str]) -> str:
-    """One letter for a composition: the first verb that refuses it, ``!`` for a fault, ``+`` if all answer."""
+    """The first verb that refuses a composition, ``!`` for a fault, ``+`` if all answer."""
     if set(outcomes.values()) & set(FAULTS):
         return "!"
     if "excluded" in outcomes.values():
@@ -61,12 +64,13 @@ def letter(outcomes: dict[str, str]) -> str:
 
 
 def matrix(rows: Rows, names: list[str]) -> list[str]:
-    """Lines of the matrix of pairs, with singles on the diagonal; columns have the numbers of the rows."""
+    """Lines of the matrix of pairs, with singles on the diagonal; columns are numbered as rows."""
     outcomes: dict[frozenset[str], dict[str, str]] = defaultdict(dict)
     for row in rows:
         outcomes[frozenset(row["capabilities"])][row["verb"]] = row["outcome"]
     width = max(map(len, names))
-    heads = [" " * (width + 4) + " ".join(f"{k + 1:02d}"[digit] for k in range(len(names))) for digit in (0, 1)]
+    digits = zip(*(f"{k:02d}" for k in range(1, len(names) + 1)), strict=True)
+    heads = [" " * (width + 4) + " ".join(row) for row in digits]
     lines = []
     for k, name in enumerate(names):
         cells = [letter(outcomes.get(frozenset((name, other)), {})) for other in names]
@@ -81,21 +85,24 @@ def plain(sentence: str) -> str:
 
 
 def refusals(rows: Rows, size: int = 2) -> list[dict[str, Any]]:
-    """Sentences that refuse compositions of a size, with the verb that first says it, most frequent first.
+    """Sentences that refuse compositions of a size, with the verb that first says it, by frequency.
 
-    A composition whose full model is refused is refused by all verbs: its sentence counts once, for the full model.
+    All verbs refuse a composition whose full model is refused: its sentence counts once.
     """
     seen: dict[tuple[str, str], dict[str, Any]] = {}
     counted: set[tuple[tuple[str, ...], str, str]] = set()
     order = ("full", *(verb for verb in COLUMNS if verb != "full"))
-    ranked = [row for row in rows if row["outcome"] == "refused" and len(row["capabilities"]) == size]
-    for row in sorted(ranked, key=lambda one: order.index(one["verb"]) if one["verb"] in order else len(order)):
+    rank = {verb: place for place, verb in enumerate(order)}
+    refused = [row for row in rows if row["outcome"] == "refused"]
+    ranked = [row for row in refused if len(row["capabilities"]) == size]
+    for row in sorted(ranked, key=lambda one: rank.get(one["verb"], len(rank))):
         key = (row["place"], plain(row["reason"]))
         own = (tuple(row["capabilities"]), *key)
         if own in counted:
             continue
         counted.add(own)
-        item = seen.setdefault(key, {"verb": row["verb"], "place": row["place"], "reason": row["reason"], "pairs": 0})
+        said = {name: row[name] for name in ("verb", "place", "reason")}
+        item = seen.setdefault(key, {**said, "pairs": 0})
         item["pairs"] += 1
     return sorted(seen.values(), key=lambda item: (-item["pairs"], item["place"]))
 
@@ -118,48 +125,60 @@ def faults(rows: Rows) -> list[str]:
     return lines
 
 
+ABOUT = """# What composes
+
+Made by `benchmarks/compose.py`: {names} capabilities, {count} compositions, {rows} answers of
+verbs. A composition is a small scene of two blocks with these capabilities, whose contact opens and closes
+along a load path. Each small model is compared with the full one, gradients with differences, pages
+in node and C headers in a compiler with Python.
+
+{shares}
+
+Left out are compositions that exclude each other by what they mean, such as axisymmetry and space,
+and verbs with nothing to compare, such as the error of a model that reports none.
+{neutral}
+## Pairs
+
+`F` the full model refuses, `K` condensation, `H` hyper-reduction, `P` pages or C headers, `G`
+gradients: the first of them. `+` all answer, `x` excluded by what they mean, `!` wrong, a crash or
+a time out. Singles are on the diagonal.
+
+```text
+{matrix}
+```
+
+## Refusals of pairs
+
+| pairs | first refused by | in | such as |
+|---|---|---|---|
+{refusals}
+
+## Wrong answers, crashes, time outs
+
+{faults}
+"""
+"""Text of the page."""
+NEUTRAL = """
+A capability with a neutral value, such as friction 0, changes outputs by {largest:.1g} at most, in
+{count} compositions.
+"""
+
+
 def page(rows: Rows, names: list[str]) -> str:
     """The page of a report."""
-    count = len({tuple(row["capabilities"]) for row in rows})
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
-    lines = [
-        "# What composes",
-        "",
-        f"Made by `benchmarks/compose.py`: {len(names)} capabilities, {count} compositions, {len(rows)} answers of "
-        "verbs. A composition is a small scene of two blocks with these capabilities, whose contact opens and closes "
-        "along a load path; each small model is compared with the full one, gradients with differences, pages in "
-        "node and C headers in a compiler with Python.",
-        "",
-        *share_lines(rows),
-        "",
-        "Left out are compositions that exclude each other by what they mean, such as axisymmetry and space, and "
-        "verbs with nothing to compare, such as the error of a model that reports none.",
-        "",
-    ]
-    if changes:
-        lines += [
-            f"A capability with a neutral value, such as friction 0, changes outputs by {max(changes):.1g} at most, "
-            f"in {len(changes)} compositions.",
-            "",
-        ]
-    lines += [
-        "## Pairs",
-        "",
-        "`F` the full model refuses, `K` condensation, `H` hyper-reduction, `P` pages or C headers, `G` gradients: the "
-        "first of them. `+` all answer, `x` excluded by what they mean, `!` wrong, a crash or a time out. Singles are "
-        "on the diagonal.",
-        "",
-        "```text",
-        *matrix(rows, names),
-        "```",
-        "",
-        "## Refusals of pairs",
-        "",
-        "| pairs | first refused by | in | such as |",
-        "|---|---|---|---|",
-    ]
+    said = []
     for item in refusals(rows):
-        cells = (str(item["pairs"]), item["verb"], f"`{item['place']}`", in_a_cell(item["reason"]))
-        lines.append("| " + " | ".join(cells) + " |")
-    lines += ["", "## Wrong answers, crashes, time outs", "", *faults(rows)]
-    return "\n".join(lines) + "\n"
+        reason = in_a_cell(item["reason"])
+        said.append(f"| {item['pairs']} | {item['verb']} | `{item['place']}` | {reason} |")
+    neutral = NEUTRAL.format(largest=max(changes), count=len(changes)) if changes else ""
+    return ABOUT.format(
+        names=len(names),
+        count=len({tuple(row["capabilities"]) for row in rows}),
+        rows=len(rows),
+        shares="\n".join(share_lines(rows)),
+        neutral=neutral,
+        matrix="\n".join(matrix(rows, names)),
+        refusals="\n".join(said),
+        faults="\n".join(faults(rows)),
+    )

@@ -1,4 +1,4 @@
-"""Verbs on a composition of capabilities: each answers, and the answer is compared with the full model.
+"""Verbs on a composition of capabilities: each answers, and the answer is compared.
 
 A verb is a function of a :class:`Case`. It returns the largest relative error, raises
 :class:`Wrong` for an answer that is off by more than its tolerance, and lets errors of the package
@@ -34,7 +34,7 @@ from hhr_dolfinx.plugins.conformance.draft import (
 from hhr_dolfinx.timing import now as clock
 
 EXACT = 1e-8
-"""Largest error of what is exact but for round-off: condensed models of a constant stiffness, files, pages."""
+"""Largest error of what is exact but for round-off: a constant stiffness, files, pages."""
 INTERPOLATED = 1e-4
 """The same of models whose stiffness is interpolated over parameters."""
 REDUCED = 0.05
@@ -46,12 +46,16 @@ SLOPES = 1e-3
 NEUTRAL = 1e-6
 """Change of answers by a capability whose value is neutral."""
 PARTS_OF_ESTIMATE = {"bound": 1.0, "estimate": 2.0}
-"""Error over what is told of it, from which it is wrong, by the kind of estimate; indicators promise nothing."""
+"""Most of an error over its estimate, by the kind of estimate; indicators promise nothing."""
 STEP = 3e-4
 """Step of differences over the range of a parameter."""
 TIGHT = {
-    "search": "tangent", "relative_stress": 1e-10, "relative_force": 1e-10, "floor_stress": 1e-8, "outside": "ignore",
-}  # fmt: skip
+    "search": "tangent",
+    "relative_stress": 1e-10,
+    "relative_force": 1e-10,
+    "floor_stress": 1e-8,
+    "outside": "ignore",
+}
 """Settings of histories whose errors are differences of answers."""
 LOOSE = hhr.MarchSettings(outside="ignore")
 Made = TypeVar("Made")
@@ -71,8 +75,8 @@ class Row(NamedTuple):
     Attributes:
         capabilities: names of switches.
         verb: name of the verb.
-        outcome: ``works``, ``refused``, ``excluded``, ``wrong``, ``crash``, ``time out``, or ``none`` if there is
-            nothing to compare.
+        outcome: ``works``, ``refused``, ``excluded``, ``wrong``, ``crash``, ``time out``, or
+            ``none`` if there is nothing to compare.
         reason: why, in the words of the error.
         place: function of the package that refused.
         error: largest relative error.
@@ -110,12 +114,13 @@ def answers_of(model: Any, path: list, **settings: Any) -> Reference:
 
 
 def difference(found: Sequence[np.ndarray], expected: Sequence[np.ndarray]) -> float:
-    """Largest difference of vectors over the largest of the expected ones; infinite for other shapes."""
+    """Largest difference of vectors over the largest of the expected; infinite for other shapes."""
     if [np.shape(one) for one in found] != [np.shape(one) for one in expected]:
         return float("inf")
     largest = max((float(np.linalg.norm(one)) for one in expected), default=0.0) or 1.0
-    apart = [float(np.linalg.norm(np.subtract(*pair))) for pair in zip(found, expected, strict=True)]
-    return max(apart) / largest if np.isfinite(apart).all() else float("inf")
+    pairs = zip(found, expected, strict=True)
+    errors = [float(np.linalg.norm(np.subtract(*pair))) for pair in pairs]
+    return max(errors) / largest if np.isfinite(errors).all() else float("inf")
 
 
 def rows_of(outputs: Sequence[dict[str, float]], names: Iterable[str]) -> list[np.ndarray]:
@@ -212,7 +217,8 @@ class Case:
     def varies(self) -> bool:
         """True if the stiffness depends on parameters."""
         scene = self.scene
-        return bool(scene.shapes) or scene.system is not None or any(body.varies for body in scene.bodies)
+        other = scene.shapes or scene.system is not None
+        return bool(other) or any(body.varies for body in scene.bodies)
 
     def _trained(self) -> Any:
         if not self.remembers:
@@ -229,7 +235,7 @@ class Case:
         return self.training.condense() if self.inelastic else hhr.condense(self.full, fields=True)
 
     def small(self) -> dict[str, Any]:
-        """Condensed and hyper-reduced models that can be made; the error of the first if there is none."""
+        """Condensed and hyper-reduced models that can be made; the error of the first if none."""
         found, errors = {}, []
         for name in ("condensed", "reduced"):
             try:
@@ -318,7 +324,8 @@ def file(case: Case) -> float:
             kept = hhr.load_model(path)
             found = answers_of(kept, case.path, outside="ignore")
         expected = answers_of(model, case.path, outside="ignore")
-        error = max(difference(found.forces, expected.forces), apart(found.outputs, expected.outputs))
+        error = difference(found.forces, expected.forces)
+        error = max(error, apart(found.outputs, expected.outputs))
         worst = max(worst, require(error, EXACT, f"the {name} model of a file"))
     return worst
 
@@ -331,7 +338,8 @@ def estimate(case: Case) -> float:
         size = max(float(np.linalg.norm(one)) for one in case.reference.forces)
         for answer, exact in zip(history.answers, case.reference.forces, strict=True):
             told = answer.estimate()
-            if told is None or told.kind not in PARTS_OF_ESTIMATE or not np.isfinite(told.forces_euclid):
+            known = told is not None and told.kind in PARTS_OF_ESTIMATE
+            if not known or not np.isfinite(told.forces_euclid):
                 silent.append(name)
                 continue
             error = float(np.linalg.norm(answer.forces() - exact))
@@ -339,7 +347,8 @@ def estimate(case: Case) -> float:
             allowed = PARTS_OF_ESTIMATE[told.kind]
             parts.append(require(part, allowed, f"error over the {told.kind} of the {name} model"))
     if not parts:
-        raise Unknown(f"no bound or estimate of forces of {' and '.join(dict.fromkeys(silent))} models")
+        models = " and ".join(dict.fromkeys(silent))
+        raise Unknown(f"no bound or estimate of forces of {models} models")
     return max(parts)
 
 
@@ -356,7 +365,7 @@ def embed(case: Case) -> float:
 
 
 def neutral(case: Case) -> float:
-    """Largest change of outputs by a capability whose value is neutral, beside the scene without it."""
+    """Largest change of outputs by a neutral value, beside the scene without the capability."""
     known, changes = switches(), []
     for name in case.names:
         if not has_neutral(known[name]):
@@ -374,19 +383,32 @@ def neutral(case: Case) -> float:
 
 
 def _changed(case: Case, name: str) -> tuple[float, str]:
-    """Change of outputs by one neutral value; the scene without it has the same hypothesis and mesh."""
+    """Change of outputs by a neutral value; the scene without it has the same kind."""
     with_it = composed(case.chosen(name))
     rest = [one for one in case.chosen() if one.name != name]
     without = composed(rest, Draft(kind=with_it.kind))
     settings = TIGHT if case.inelastic else {}
-    pair = [answers_of(one.model(one.scene()), one.path(), **settings) for one in (with_it, without)]
-    return apart(pair[0].outputs, pair[1].outputs), name
+    found, expected = (outputs_of(draft, **settings) for draft in (with_it, without))
+    return apart(found, expected), name
+
+
+def outputs_of(draft: Draft, **settings: Any) -> list[dict[str, float]]:
+    """Outputs of the full model of a draft along its path."""
+    return answers_of(draft.model(draft.scene()), draft.path(), **settings).outputs
 
 
 VERBS: dict[str, Callable[[Case], float]] = {
-    "full": full, "many": many, "gradient": gradient, "condense": _model("condensed"), "HHR": _model("reduced"),
-    "file": file, "estimate": estimate, "page": page, "C": embed, "neutral": neutral,
-}  # fmt: skip
+    "full": full,
+    "many": many,
+    "gradient": gradient,
+    "condense": _model("condensed"),
+    "HHR": _model("reduced"),
+    "file": file,
+    "estimate": estimate,
+    "page": page,
+    "C": embed,
+    "neutral": neutral,
+}
 """All verbs by name."""
 
 
@@ -395,10 +417,11 @@ VERBS: dict[str, Callable[[Case], float]] = {
 
 def place_of(error: BaseException) -> str:
     """The innermost function of the package that an error came through."""
-    frames = [one for one in traceback.extract_tb(error.__traceback__) if "/hhr_dolfinx/" in one.filename]
-    if not frames:
+    frames = traceback.extract_tb(error.__traceback__)
+    inside = [one for one in frames if "/hhr_dolfinx/" in one.filename]
+    if not inside:
         return ""
-    return f"{frames[-1].filename.rpartition('/hhr_dolfinx/')[2]}:{frames[-1].name}"
+    return f"{inside[-1].filename.rpartition('/hhr_dolfinx/')[2]}:{inside[-1].name}"
 
 
 def ended(names: tuple[str, ...], verb: str, run: Callable[[], float]) -> Row:
@@ -420,7 +443,7 @@ def ended(names: tuple[str, ...], verb: str, run: Callable[[], float]) -> Row:
 
 
 def tried(names: Iterable[str], verbs: Iterable[str]) -> Iterator[Row]:
-    """Rows of all verbs of a composition; a scene that is refused or excluded ends all of them alike."""
+    """Rows of all verbs of a composition; a scene that is refused ends all of them alike."""
     own = tuple(names)
     case: Case | None = None
     with warnings.catch_warnings():
