@@ -78,7 +78,7 @@ def words(text: str, known: Iterable[str], what: str) -> Names:
 def run(names: Names, verbs: Names, limit: float) -> list[Row]:
     """Rows of a composition from a process of its own, which is ended after some seconds."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["compose_verbs"])
+    context.set_forkserver_preload(["compose_loaded"])
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=compose_verbs.in_a_child, args=(theirs, names, verbs))
     child.start()

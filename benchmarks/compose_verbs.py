@@ -257,15 +257,19 @@ class Case:
 
 
 def full(case: Case) -> float:
-    """Answers of the full model, which bear each other out: no force pulls, outputs are finite."""
+    """Answers of the full model are finite; without memory no force pulls, and each is of its point."""
     reference = case.reference
     if not all(np.isfinite(list(one.values())).all() for one in reference.outputs):
         raise Wrong("outputs are not finite")
-    largest = max(float(np.abs(one).max()) for one in reference.forces)
-    if not case.scene.laws or all(law is None for law in case.scene.laws):
-        worst = -min(float(one.min()) for one in reference.forces)
-        return require(max(worst, 0.0) / (largest or 1.0), EXACT, "forces that pull")
-    return 0.0
+    if case.remembers:
+        return 0.0
+    alone = case.full.solve(case.path[-1][1])
+    error = difference([alone.forces()], reference.forces[-1:])
+    error = max(error, difference([alone.displacement()], reference.displacements[-1:]))
+    pulled = [np.minimum(one, 0.0) for one in reference.forces]
+    size = max(float(np.linalg.norm(one)) for one in reference.forces) or 1.0
+    require(max(float(np.linalg.norm(one)) for one in pulled) / size, EXACT, "forces that pull")
+    return require(error, EXACT, "an answer alone")
 
 
 def many(case: Case) -> float:
