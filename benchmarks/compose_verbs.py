@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, NotOfferedError
 from hhr_dolfinx.plugins.conformance.draft import (
     Chosen,
     Draft,
@@ -221,6 +221,8 @@ class Case:
         return bool(other) or any(body.varies for body in scene.bodies)
 
     def _trained(self) -> Any:
+        if self.draft.full is not None:
+            raise NotOfferedError("a training is of usual full models: this one is made otherwise")
         if not self.remembers:
             return hhr.train(self.scene, hhr.Sobol(24), held_out=6, comm=MPI.COMM_SELF)
         constant = any(not isinstance(one.values, tuple) for one in self.draft.varied)
@@ -376,8 +378,11 @@ def neutral(case: Case) -> float:
             continue
         try:
             changes.append(_changed(case, name))
-        except (Excluded, HHRError):  # the neutral scene has other cells, which others may refuse
-            continue
+        except Excluded:
+            continue  # the neutral scene has cells that exclude another capability
+        except HHRError:
+            if composed(case.chosen(name)).kind == case.draft.kind:
+                raise
     if not changes:
         raise Unknown("no capability has a neutral value here")
     error, name = max(changes)
@@ -439,7 +444,7 @@ def ended(names: tuple[str, ...], verb: str, run: Callable[[], float]) -> Row:
     except Wrong as reason:
         return Row(names, verb, "wrong", str(reason))
     except HHRError as reason:
-        return Row(names, verb, "refused", f"{reason}", place_of(reason))
+        return Row(names, verb, "refused", f"{reason}", place_of(reason) or "benchmarks")
     except Exception as reason:  # what else comes is the finding
         return Row(names, verb, "crash", f"{type(reason).__name__}: {reason}", place_of(reason))
     measured = {"neutral": error} if verb == "neutral" else {"error": error}

@@ -63,6 +63,7 @@ def rigid_mesh(draft: Draft, neutral: bool) -> Draft:
     ridge = [(0.1 * abs(y - 1.5), y, z) for y in (0.0, 1.5, 3.0) for z in (-1.0, 2.0)]
     points = np.array(ridge)
     triangles = np.array([(0, 2, 1), (1, 2, 3), (2, 4, 3), (3, 4, 5)])
-    shift = (draft.flanks[1] + (FAR if neutral else -0.001), 0.0, 0.0)
+    # rays along its normals miss a mesh that is further away than it is large
+    shift = (draft.flanks[1] + (1.0 if neutral else -0.001), 0.0, 0.0)
     flank = side(SECOND, 0, True)
     return draft.with_obstacle(RigidMesh(flank, mesh=(points, triangles), place=shift))
