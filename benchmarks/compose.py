@@ -56,10 +56,11 @@ def compositions(options: argparse.Namespace, names: list[str]) -> list[Names]:
     if one:
         return [tuple(sorted(one))]
     found: list[Names] = [(), *((name,) for name in names)]
-    if options.pairs:
-        found += itertools.combinations(names, 2)
-    every = list(itertools.combinations(names, 3))
-    found += random.Random(options.seed).sample(every, min(options.triples, len(every)))
+    draw = random.Random(options.seed)
+    pairs, triples = (list(itertools.combinations(names, count)) for count in (2, 3))
+    if options.pairs:  # in a random order: shares of a run that was ended are those of a sample
+        found += draw.sample(pairs, len(pairs))
+    found += draw.sample(triples, min(options.triples, len(triples)))
     return [one for one in found if not only or set(one) & set(only)]
 
 

@@ -33,8 +33,9 @@ PLUGINS = (
     "pages.scenery_of",
     "small_strains.guard",
 )
-for name in (*CORE, *(f"plugins.{one}" for one in PLUGINS)):
+OURS = [f"hhr_dolfinx.{name}" for name in (*CORE, *(f"plugins.{one}" for one in PLUGINS))]
+for name in ("scipy.stats", *OURS):
     with suppress(ImportError):  # of a plug-in that was deleted
-        import_module(f"hhr_dolfinx.{name}")
+        import_module(name)
 with compose_toys.registered():
     KNOWN = switches()

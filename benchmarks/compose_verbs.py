@@ -47,8 +47,10 @@ NEUTRAL = 1e-6
 """Change of answers by a capability whose value is neutral."""
 PARTS_OF_ESTIMATE = {"bound": 1.0, "estimate": 2.0}
 """Most of an error over its estimate, by the kind of estimate; indicators promise nothing."""
-STEP = 3e-4
-"""Step of differences over the range of a parameter."""
+STEPS = (3e-4, 3e-5, 3e-6)
+"""Steps of differences over the range of a parameter: the first that meets no kink is taken."""
+OUTPUTS = ("force", "sunk", "moved")
+"""Outputs of all drafts."""
 TIGHT = {
     "search": "tangent",
     "relative_stress": 1e-10,
@@ -259,7 +261,7 @@ class Case:
 
 
 def full(case: Case) -> float:
-    """Answers of the full model are finite; without memory no force pulls, and each is of its point."""
+    """Answers are finite; without memory no force pulls, and each is that of its point alone."""
     reference = case.reference
     if not all(np.isfinite(list(one.values())).all() for one in reference.outputs):
         raise Wrong("outputs are not finite")
@@ -287,23 +289,39 @@ def many(case: Case) -> float:
 
 
 def gradient(case: Case) -> float:
-    """Derivatives of an output along the path, beside differences."""
+    """Derivatives of outputs along the path, beside differences."""
     history = case.full.march(case.path, hhr.MarchSettings(gradient=True, **TIGHT))
     outputs = history.answers[-1].outputs()
     lower, upper = np.array(case.full.parameters.lower), np.array(case.full.parameters.upper)
-    found = np.asarray(outputs.gradient["force"]) * (upper - lower)
-    expected = []
-    for axis, shift in enumerate(np.diag(STEP * (upper - lower))):
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = [(time, point + sign * shift) for time, point in case.path]
-            answers = case.full.march(moved, hhr.MarchSettings(**TIGHT)).answers
-            ends.append(answers[-1].outputs()["force"])
-        expected.append((ends[0] - ends[1]) / (2 * shift[axis]) * (upper - lower)[axis])
-    error = difference([found], [np.array(expected)])
+    found = [np.asarray(outputs.gradient[name]) * (upper - lower) for name in OUTPUTS]
+    closed = contact_of(history.answers)
+    expected = np.transpose([slopes(case, closed, width) for width in np.diag(upper - lower)])
+    error = max(difference([one], [other]) for one, other in zip(found, expected, strict=True))
     if error > SLOPES and getattr(outputs, "one_sided", False):
         raise Unknown(f"derivatives are told to be one-sided; differences are {error:.2g} off")
-    return require(error, SLOPES, "gradient of the force")
+    return require(error, SLOPES, "derivatives of outputs")
+
+
+def contact_of(answers: Sequence[Any]) -> np.ndarray:
+    """Statuses along a path, (T, m): signs of all forces."""
+    return np.array([np.sign(answer.forces()) for answer in answers])
+
+
+def slopes(case: Case, closed: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Derivatives of outputs along a range, (P,), times that range, by a step that meets no kink.
+
+    Raises:
+        Unknown: if contacts open or close within the smallest step.
+    """
+    for step in STEPS:
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [(time, point + sign * step * width) for time, point in case.path]
+            ends.append(case.full.march(moved, hhr.MarchSettings(**TIGHT)).answers)
+        if all(np.array_equal(contact_of(one), closed) for one in ends):
+            values = [[one[-1].outputs()[name] for name in OUTPUTS] for one in ends]
+            return np.subtract(*values) / (2 * step)
+    raise Unknown("contacts open or close within the step of differences")
 
 
 def _model(name: str) -> Callable[[Case], float]:
