@@ -30,12 +30,10 @@ from hhr_dolfinx.loads import Load, Pressure
 from hhr_dolfinx.outputs import ContactForce, DisplacementAt, Output
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.scene import Displacement, Opening, Scene
 
 if TYPE_CHECKING:
-    from ufl.core.expr import Expr
-
     from hhr_dolfinx.compat import TaggedMesh
     from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.full_order.constraints import Constraint
@@ -77,8 +75,8 @@ class Varied(NamedTuple):
     def along(self, scale: float, share: float | None) -> np.ndarray:
         """Values along a path, (T,): scaled ones, or a constant at a share of the range."""
         if not isinstance(self.values, tuple):
-            chosen = self.values if share is None else self.lower + share * (self.upper - self.lower)
-            return np.full(len(COURSE), chosen)
+            between = self.lower + (share or 0.0) * (self.upper - self.lower)
+            return np.full(len(COURSE), self.values if share is None else between)
         return scale * np.array(self.values)
 
 
@@ -213,17 +211,16 @@ class Draft:
         values = [0.0 if neutral else 0.8 * largest * share for share in ASIDE]
         return self.with_parameter(name, -0.2 * largest, largest, values)
 
-    def with_material(self, tag: int, **changes: float | str | Callable[[Expr], Expr]) -> Draft:
-        """The draft with other constants of a body."""
-        lower, upper = (replace(b, **changes) if b.tag == tag else b for b in self.bodies)
+    def with_body(self, tag: Tag, changed: Callable[[Body], Body]) -> Draft:
+        """The draft with a body that is changed."""
+        lower, upper = (changed(body) if body.tag == tag else body for body in self.bodies)
         return replace(self, bodies=(lower, upper))
 
     def with_body_law(self, law: Law) -> Draft:
         """The draft with a law of the first body that has none."""
         without = [body.tag for body in self.bodies if body.law is None]
         self.exclude(not without, "both bodies have a law, and a body has one")
-        lower, upper = (replace(b, law=law) if b.tag == without[0] else b for b in self.bodies)
-        return replace(self, bodies=(lower, upper))
+        return self.with_body(without[0], lambda body: replace(body, law=law))
 
     def with_pairing(self, pairing: Callable[..., Pairing]) -> Draft:
         """The draft with another pairing of the blocks, on meshes that do not match."""
@@ -265,8 +262,8 @@ class Draft:
             contacts=contacts,
             parameters=ParameterSpace(
                 tuple(one.name for one in space),
-                [one.lower for one in space],
-                [one.upper for one in space],
+                tuple(one.lower for one in space),
+                tuple(one.upper for one in space),
             ),
             displacements=(*self._imposed(), *self.displacements),
             loads=(*self._loads(), *self.loads),
@@ -329,9 +326,8 @@ class Draft:
 
     def _pair(self) -> Pairing:
         upper, lower = side(SECOND, 1, False), side(FIRST, 1, True)
-        if (pairing := self.pairing or self.usual) is not None:
-            return pairing(upper, lower, **self.law)
-        return NodeToNode(upper, lower, self.vector(0.0, -1.0), **self.law)
+        facing: Callable[..., Pairing] = partial(NodeToNode, normal=self.vector(0.0, -1.0))
+        return (self.pairing or self.usual or facing)(upper, lower, **self.law)
 
     def _outputs(self) -> tuple[Output, ...]:
         inside = tuple(map(float, self.at(MIDDLE, 1 / 3 if self.dimension == 2 else 0.5)))

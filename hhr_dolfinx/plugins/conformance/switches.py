@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import ufl
 
 from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.loads import Traction
 from hhr_dolfinx.pairings.obstacle import Obstacle
@@ -23,13 +24,13 @@ if TYPE_CHECKING:
 def young(draft: Draft, neutral: bool) -> Draft:
     """Young's modulus of the lower block as a parameter."""
     draft = draft.with_parameter("E1", 2.0, 5.0, 3.0 if neutral else 3.9)
-    return draft.with_material(FIRST, young="E1")
+    return draft.with_body(FIRST, lambda body: replace(body, young="E1"))
 
 
 def poisson(draft: Draft, neutral: bool) -> Draft:
     """Poisson's ratio of the lower block as a parameter."""
     draft = draft.with_parameter("nu1", 0.15, 0.4, 0.3 if neutral else 0.23)
-    return draft.with_material(FIRST, poisson="nu1")
+    return draft.with_body(FIRST, lambda body: replace(body, poisson="nu1"))
 
 
 def opening(draft: Draft, neutral: bool) -> Draft:
@@ -55,7 +56,7 @@ def traction(draft: Draft, neutral: bool) -> Draft:
 def field_of_motion(draft: Draft) -> Draft:
     """A flank of the lower block is turned, by a formula of the coordinates."""
     draft = draft.with_load_parameter("turn", 0.01, neutral=False)
-    turn, height = Amplitude(slopes={"turn": 1.0}), draft.coordinates[1]
+    turn, height = Amplitude(slopes={"turn": 1.0}), Formula(draft.coordinates[1])
     turned = Displacement(draft.nodes(LEFT, 0.2, 1.1), 0, turn, height)
     return replace(draft, displacements=(*draft.displacements, turned))
 
@@ -83,7 +84,11 @@ def simplices(draft: Draft) -> Draft:
 def graded(draft: Draft, neutral: bool) -> Draft:
     """A modulus of the lower block that changes across it."""
     slope = 0.0 if neutral else 0.1
-    return draft.with_material(FIRST, grading=lambda x: 1.0 + slope * (x[0] - LEFT))
+
+    def factor(x: Expr) -> Expr:
+        return 1.0 + slope * (x[0] - LEFT)
+
+    return draft.with_body(FIRST, lambda body: replace(body, grading=factor))
 
 
 def own_elasticity(draft: Draft) -> Draft:
@@ -92,4 +97,4 @@ def own_elasticity(draft: Draft) -> Draft:
     def stress(strain: Expr) -> Expr:
         return 2.0 * strain + 3.0 * ufl.tr(strain) * ufl.Identity(3)
 
-    return draft.with_material(SECOND, stress=stress)
+    return draft.with_body(SECOND, lambda body: replace(body, stress=stress))

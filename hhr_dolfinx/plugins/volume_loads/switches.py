@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
 from hhr_dolfinx.plugins.volume_loads.loads import (
     BodyForce,
@@ -28,7 +29,7 @@ def centrifugal(draft: Draft, neutral: bool) -> Draft:
     """Rotation of the lower block."""
     draft = draft.with_load_parameter("w", 0.02, neutral)
     axis = (0.0, 1.0, 0.0) if draft.dimension == 3 else None
-    return draft.with_loads(Centrifugal(FIRST, "w", axis_direction=axis))
+    return draft.with_loads(Centrifugal(FIRST, Formula("w"), axis_direction=axis))
 
 
 def swelling(draft: Draft, neutral: bool) -> Draft:
@@ -40,4 +41,4 @@ def swelling(draft: Draft, neutral: bool) -> Draft:
 def thermal(draft: Draft, neutral: bool) -> Draft:
     """Temperature of the lower block."""
     draft = draft.with_load_parameter("T", 10.0, neutral)
-    return draft.with_loads(ThermalExpansion(FIRST, 1e-3, "T"))
+    return draft.with_loads(ThermalExpansion(FIRST, Formula("1e-3"), Formula("T")))

@@ -116,7 +116,7 @@ def test_pairs_in_all_verbs(names):
 
 def lying(draft: Draft, neutral: bool) -> Draft:
     """A neutral value that changes the answer."""
-    return draft.with_material(1, young=3.0 * (1.0 + 1e-4 * neutral))
+    return draft.with_body(1, lambda body: replace(body, young=3.0 * (1.0 + 1e-4 * neutral)))
 
 
 def test_a_neutral_value_that_changes_answers_is_found(monkeypatch):
