@@ -55,7 +55,7 @@ FAR = 100.0
 """Coordinate of what is too far away to be touched."""
 ROUNDNESS = 0.06
 """Depth of the round upper side at a distance of 1 from the middle."""
-COURSE = (0.0, 0.45, 1.0, 0.8, 0.5)
+COURSE = (0.0, 0.3, 1.0, 0.8, 0.5)
 ASIDE = (0.0, 0.3, 0.75, 1.0, 0.6)
 """Fractions of the largest push, and of the largest motion aside and load, at the times 0 to 4."""
 
