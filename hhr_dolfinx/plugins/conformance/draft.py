@@ -289,7 +289,8 @@ class Draft:
 
     def geometry(self) -> Geometry:
         """The mesh of both blocks."""
-        matching, dim = self.kind.matching, self.dimension
+        matching = self.kind.matching
+        dim = self.dimension
         lower = (12, 3) if dim == 2 else (6, 2, 2)
         upper = lower if matching else (7, 3) if dim == 2 else (3, 2, 3)
         left, right = self.flanks
@@ -311,7 +312,8 @@ class Draft:
         return (push, drag, load, *self.varied)
 
     def _imposed(self) -> tuple[Displacement, ...]:
-        bottom, top = side(FIRST, 1, False), side(SECOND, 1, True)
+        bottom = side(FIRST, 1, False)
+        top = side(SECOND, 1, True)
         imposed = [*Displacement.clamp(bottom, self.dimension)]
         imposed.append(Displacement(top, 0, Amplitude(slopes={"drag": 1.0})))
         imposed += [Displacement(top, 2)] if self.dimension == 3 else []
@@ -320,12 +322,14 @@ class Draft:
         return tuple(imposed)
 
     def _loads(self) -> tuple[Load, ...]:
-        flank, top = side(SECOND, 0, True), side(SECOND, 1, True)
+        flank = side(SECOND, 0, True)
+        top = side(SECOND, 1, True)
         aside = Pressure(flank, Amplitude(slopes={"load": 1.0}))
         return (aside,) if self.held else (aside, Pressure(top, Amplitude(slopes={"push": 1.0})))
 
     def _pair(self) -> Pairing:
-        upper, lower = side(SECOND, 1, False), side(FIRST, 1, True)
+        upper = side(SECOND, 1, False)
+        lower = side(FIRST, 1, True)
         facing: Callable[..., Pairing] = partial(NodeToNode, normal=self.vector(0.0, -1.0))
         return (self.pairing or self.usual or facing)(upper, lower, **self.law)
 

@@ -56,7 +56,8 @@ def traction(draft: Draft, neutral: bool) -> Draft:
 def field_of_motion(draft: Draft) -> Draft:
     """A flank of the lower block is turned, by a formula of the coordinates."""
     draft = draft.with_load_parameter("turn", 0.01, neutral=False)
-    turn, height = Amplitude(slopes={"turn": 1.0}), Formula(draft.coordinates[1])
+    turn = Amplitude(slopes={"turn": 1.0})
+    height = Formula(draft.coordinates[1])
     turned = Displacement(draft.nodes(LEFT, 0.2, 1.1), 0, turn, height)
     return replace(draft, displacements=(*draft.displacements, turned))
 

@@ -39,7 +39,8 @@ def equation(draft: Draft) -> Draft:
 def periodic(draft: Draft) -> Draft:
     """The lower block is one of many in a row."""
     draft.exclude(draft.kind.hypothesis == "axisymmetric", "rings do not repeat along the radius")
-    leader, follower = side(FIRST, 0, False), side(FIRST, 0, True)
+    leader = side(FIRST, 0, False)
+    follower = side(FIRST, 0, True)
     return draft.with_constraints(Periodic(follower, leader, shift=draft.vector(3.0, 0.0)))
 
 
@@ -64,7 +65,8 @@ def coupled_force(draft: Draft, neutral: bool) -> Draft:
 
 def directed(draft: Draft) -> Draft:
     """The component of a displacement along a diagonal is imposed at a flank of the upper block."""
-    place, along = draft.nodes(draft.flanks[0], 1.2, 1.55), draft.vector(1.0, 1.0)
+    place = draft.nodes(draft.flanks[0], 1.2, 1.55)
+    along = draft.vector(1.0, 1.0)
     amplitude = Amplitude(slopes={"drag": 0.5})
     return draft.with_constraints(DirectedDisplacement(place, along, amplitude))
 

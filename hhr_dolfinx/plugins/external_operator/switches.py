@@ -32,7 +32,8 @@ def radial_return(
     size = increment.shape[-1]
     unit = np.array([1.0, 1.0, 1.0] + [0.0] * (size - 3))
     deviator = np.eye(size) - np.outer(unit, unit) / 3
-    shear, bulk = young / (2 + 2 * poisson), young / (3 - 6 * poisson)
+    shear = young / (2 + 2 * poisson)
+    bulk = young / (3 - 6 * poisson)
     elastic = bulk[..., None, None] * np.outer(unit, unit)
     elastic = elastic + 2 * shear[..., None, None] * deviator
     trial = stress + np.einsum("...ij,...j->...i", elastic, increment)
@@ -41,7 +42,8 @@ def radial_return(
     slope = 0.5
     amount = np.maximum(size_of - strength - slope * cumulated, 0.0) / (3 * shear + slope)
     safe = np.where(size_of > 0, size_of, 1.0)
-    normal, ratio = part / safe[..., None], 3 * shear * amount / safe
+    normal = part / safe[..., None]
+    ratio = 3 * shear * amount / safe
     along = np.where(amount > 0, 3 * shear * (3 * shear / (3 * shear + slope) - ratio), 0.0)
     tangents = elastic - along[..., None, None] * normal[..., :, None] * normal[..., None, :]
     tangents = tangents - 2 * shear[..., None, None] * ratio[..., None, None] * deviator

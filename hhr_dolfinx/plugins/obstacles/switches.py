@@ -30,10 +30,12 @@ def moving_circle(draft: Draft, neutral: bool) -> Draft:
     """A circle or cylinder that is pushed into the left flank of the lower block."""
     draft = draft.with_load_parameter("depth", 0.015, neutral)
     start = -FAR if neutral else 0.0
-    center, flank = f"{start} + depth", side(FIRST, 0, False)
+    center = f"{start} + depth"
+    flank = side(FIRST, 0, False)
     if draft.kind.hypothesis == "axisymmetric":  # radii are positive: around the upper block
         start = draft.flanks[1] + (1.0 + FAR if neutral else 1.0)
-        center, flank = f"{start} - depth", side(SECOND, 0, True)
+        center = f"{start} - depth"
+        flank = side(SECOND, 0, True)
     if draft.dimension == 3:
         return draft.with_obstacle(Cylinder(flank, point=(center, 0.5, 0.5), axis=AXIS, radius=1.0))
     height = 1.5 if draft.kind.hypothesis == "axisymmetric" else 0.5
