@@ -140,8 +140,8 @@ and verbs with nothing to compare, such as the error of a model that reports non
 ## Pairs
 
 `F` the full model refuses, `K` condensation, `H` hyper-reduction, `P` pages or C headers, `G`
-gradients: the first of them. `+` all answer, `x` excluded by what they mean, `!` wrong, a crash or
-a time out. Singles are on the diagonal.
+gradients: the first of them. `+` all verbs that ran answer, `x` excluded by what they mean, `!`
+wrong, a crash or a time out; what did not run is blank. Singles are on the diagonal.
 
 ```text
 {matrix}
