@@ -127,10 +127,11 @@ def faults(rows: Rows) -> list[str]:
 
 ABOUT = """# What composes
 
-Made by `benchmarks/compose.py`: {names} capabilities, {count} compositions, {rows} answers of
-verbs. A composition is a small scene of two blocks with these capabilities, whose contact opens
-and closes along a load path. Each small model is compared with the full one, gradients with
-differences, pages in node and C headers in a compiler with Python.
+Made by `benchmarks/compose.py`, by `make compose`: {names} capabilities, alone and in {pairs}
+of {every} pairs, which are drawn at random; {rows} answers of verbs. A composition is a small scene
+of two blocks with these capabilities, whose contact opens and closes along a load path. Each small
+model is compared with the full one, gradients with differences, pages in node and C headers in a
+compiler with Python.
 
 {shares}
 
@@ -174,7 +175,8 @@ def page(rows: Rows, names: list[str]) -> str:
     neutral = NEUTRAL.format(largest=max(changes), count=len(changes)) if changes else ""
     return ABOUT.format(
         names=len(names),
-        count=len({tuple(row["capabilities"]) for row in rows}),
+        pairs=len({tuple(row["capabilities"]) for row in rows if len(row["capabilities"]) == 2}),
+        every=len(names) * (len(names) - 1) // 2,
         rows=len(rows),
         shares="\n".join(share_lines(rows)),
         neutral=neutral,
