@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held benchmarks decks patch laws extreme recipes figures lint test test-core quick slow slice docs setup mutants doctor without same paths
+.PHONY: demo flange hertz pellet nonmatching plastic sphere materials rod press preload power torque fretting punch friction calibrate certified local indicator time-errors greedy indent scene held benchmarks decks patch laws extreme recipes compose figures lint test test-core quick slow slice docs setup mutants doctor without same paths
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -108,6 +108,12 @@ extreme: setup
 
 recipes: setup
 	.venv/bin/python benchmarks/random_recipes.py
+
+# all capabilities of the plug-ins in pairs and in all verbs, into docs/composition.md; two hours on two idle cores.
+# A run that was ended goes on where it was
+compose: setup
+	.venv/bin/python benchmarks/compose.py --pairs --workers 2
+	.venv/bin/python benchmarks/compose.py --docs
 
 # all figures of README into docs/figures.json and README, an hour on an idle core
 figures: setup

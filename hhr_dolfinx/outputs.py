@@ -122,10 +122,15 @@ class ModelProbe:
 class Output(Protocol):
     """Interface of an output."""
 
-    name: str  # name of the output
-    unit: str  # unit of its value, as text
+    @property
+    def name(self) -> str:
+        """Name of the output."""
 
-    def prepared(self, probe: object) -> Functional:
+    @property
+    def unit(self) -> str:
+        """Unit of its value, as text."""
+
+    def prepared(self, probe: ModelProbe) -> Functional:
         """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
 
 

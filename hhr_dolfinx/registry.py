@@ -25,7 +25,7 @@ GROUP = "hhr_dolfinx.plugins"
 OURS = Path(__file__).with_name("plug_ins.json")
 """Names that the plug-ins of this package add, for messages where one of them is deleted."""
 SHARED = ("public", "classes", "commands", "kinds", "methods", "trainings", "pair_laws", "recipes", "answers", "tools",
-          "readers")  # fmt: skip
+          "readers", "switches")  # fmt: skip
 """Mappings of manifests in which a name has one meaning for all plug-ins."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
@@ -109,6 +109,9 @@ class Plugin:
     tools: Mapping[str, str] = field(default=NOTHING)
     # places of readers of mesh files, ``(path) -> RawMesh`` of :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
     readers: Mapping[str, str] = field(default=NOTHING)
+    # functions ``(draft, neutral) -> draft`` that add one capability to a small scene, of each
+    # module their names, as in ``public``; the plug-in ``conformance`` has the drafts
+    switches: Mapping[str, str] = field(default=NOTHING)
     # places of functions ``(full, folder) -> None`` that write further files next to a model; collective over the ranks
     # of the full model
     companions: tuple[str, ...] = ()

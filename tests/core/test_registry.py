@@ -65,10 +65,12 @@ def registered(monkeypatch):
         (Entry(Plugin("odd", public={"m": 5})), "'any' is left out: somewhere:any cannot be loaded: TypeError"),
         (Entry(Plugin("late", public={"n": "g"})), "'late' .* registers 'g' among public, which is m:g of .* 'good'"),
         (Entry(Plugin("late", parts={"laws": {"L": "n:L"}})), "'late' .* 'L' among laws, which is m:L of .* 'good'"),
+        (Entry(Plugin("late", switches={"n": "s"})), "'late' .* 's' among switches, which is m:s of .* 'good'"),
     ],
 )
 def test_a_plug_in_that_cannot_be_used_is_left_out_with_the_reason(registered, entry, why):
-    good = Entry(Plugin("good", public={"m": "f g"}, parts={"laws": {"m": "L"}}), "good")
+    parts = {"laws": {"m": "L"}}
+    good = Entry(Plugin("good", public={"m": "f g"}, parts=parts, switches={"m": "s"}), "good")
     with pytest.warns(PluginWarning, match=why) as caught:
         assert list(registered(good, entry)) == ["good"]
     assert len(caught) == 1
@@ -262,7 +264,7 @@ def test_our_plug_ins_register_as_those_of_others_do():
 def test_what_a_plug_in_registers_is_there(name):
     plugin = registry.installed()[name]
     assert plugin.name == name and set(plugin.needs) <= set(FOLDERS)
-    for what in ("public", "classes", "commands"):
+    for what in ("public", "classes", "commands", "switches"):
         for key, place in registry.places_in(getattr(plugin, what)):
             found = registry.load(place)
             assert (found.name if what == "commands" else found.__name__) == key

@@ -140,8 +140,19 @@ def check_flange(reports, folder):
     assert (folder / "flange.html").stat().st_size > 1e5 and (folder / "diagram.png").stat().st_size > 5000
 
 
+def check_compose(reports, folder):
+    """All that can be compared is right, of the empty scene and of two pairs; two hypotheses exclude each other."""
+    rows = reports["report"]["compose"]
+    assert {row["outcome"] for row in rows} == {"works", "none", "excluded"}
+    assert {tuple(row["capabilities"]) for row in rows if row["outcome"] == "excluded"} == {("axisymmetric", "solid")}
+    assert {row["verb"] for row in rows} >= {"full", "condense", "HHR", "page", "C", "gradient"}
+    changes = [row["neutral"] for row in rows if row["neutral"] is not None]
+    assert len(changes) == 2 and max(changes) < 1e-6
+
+
 CHECKS = {
     "bolt_preload": check_preload,
+    "compose": check_compose,
     "extreme_cases": check_extreme_cases,
     "flange": check_flange,
     "fretting": check_friction,
@@ -157,6 +168,7 @@ OF_PLUGINS = {
     "benchmarks": ("mortar", "second_order"), "bolt_preload": ("friction", "inelastic", "mortar", "volume_loads"),
     "calculix": ("exporters", "mortar", "second_order"), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
+    "compose": ("conformance", "exporters", "friction", "moduli", "pages", "volume_loads"),
     "contact_patch_test": ("mortar",),
     "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables"),
     "extreme_cases": ("baselines", "inelastic", "mortar"),

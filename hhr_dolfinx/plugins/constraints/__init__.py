@@ -12,6 +12,11 @@ _PLACES = {
     "hhr_dolfinx.plugins.constraints.tie": "Tie",
 }
 
+_SWITCHES = (
+    "bolt_force coupled_force directed equation mean_motion periodic preload rigid_motion "
+    "serendipity tie"
+)  # fmt: skip
+
 PLUGIN = Plugin(
     name="constraints",
     needs=("mortar",),
@@ -23,4 +28,5 @@ PLUGIN = Plugin(
             "hhr_dolfinx.plugins.constraints.preload": "BoltForce",
         }
     },
+    switches={"hhr_dolfinx.plugins.constraints.switches": _SWITCHES},
 )

@@ -65,7 +65,9 @@ class Equations:
 class Constraint(Protocol):
     """Interface of a constraint, an item of ``Scene.constraints``."""
 
-    amplitude: Any  # of the right-hand sides, as of a displacement
+    @property
+    def amplitude(self) -> Any:
+        """Amplitude of the right-hand sides, as of a displacement."""
 
     def equations(self, assembler: Assembler) -> Equations:
         """Its equations on a mesh."""

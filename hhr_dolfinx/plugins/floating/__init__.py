@@ -10,4 +10,5 @@ PLUGIN = Plugin(
     name="floating",
     classes={f"{_HERE}.elimination": "FloatingElimination"},
     tools={"kernel": f"{_HERE}.kernel:RigidKernel"},
+    switches={f"{_HERE}.switches": "floating"},
 )

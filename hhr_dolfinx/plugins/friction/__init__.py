@@ -50,4 +50,5 @@ PLUGIN = Plugin(
         "page": f"{_HERE}.page:PAGE",
         "deck": f"{_HERE}.pair_laws:DECK",
     },
+    switches={f"{_HERE}.switches": "friction friction_by_formula tresca"},
 )

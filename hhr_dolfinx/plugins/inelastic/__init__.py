@@ -66,4 +66,5 @@ PLUGIN = Plugin(
         "file": f"{_HERE}.state:check_answer",
         "study": f"{_HERE}.study:STUDY",
     },
+    switches={f"{_HERE}.switches": "voce norton orthotropic"},
 )

@@ -10,4 +10,5 @@ PLUGIN = Plugin(
     public=_PAIRING,
     parts={"pairings": _PAIRING},
     classes=_PAIRING,
+    switches={"hhr_dolfinx.plugins.mortar.switches": "mortar"},
 )

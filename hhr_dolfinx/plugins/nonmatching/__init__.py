@@ -7,4 +7,10 @@ _PAIRINGS = {
     "hhr_dolfinx.plugins.nonmatching.double_pass": "DoublePass",
 }
 
-PLUGIN = Plugin(name="nonmatching", public=_PAIRINGS, parts={"pairings": _PAIRINGS}, classes=_PAIRINGS)
+PLUGIN = Plugin(
+    name="nonmatching",
+    public=_PAIRINGS,
+    parts={"pairings": _PAIRINGS},
+    classes=_PAIRINGS,
+    switches={"hhr_dolfinx.plugins.nonmatching.switches": "node_to_surface double_pass"},
+)

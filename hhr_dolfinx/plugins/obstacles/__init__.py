@@ -18,4 +18,5 @@ PLUGIN = Plugin(
         f"{_HERE}.rounds": "Quadric",
         f"{_HERE}.drawn": "Facets",
     },
+    switches={f"{_HERE}.switches": "circle moving_circle cone profile rigid_mesh"},
 )

@@ -8,4 +8,5 @@ PLUGIN = Plugin(
     name="places",
     public={_PLACES: "NodalForce Nodes Springs"},
     parts={"loads": {_PLACES: "NodalForce Springs"}},
+    switches={"hhr_dolfinx.plugins.places.switches": "bedding springs nodal_force"},
 )

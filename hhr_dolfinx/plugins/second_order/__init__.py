@@ -15,4 +15,5 @@ PLUGIN = Plugin(
         "folded": f"{_MESH}:folded_in_words",
         "mending": f"{_MESH}:mending",
     },
+    switches={"hhr_dolfinx.plugins.second_order.switches": "second_order"},
 )

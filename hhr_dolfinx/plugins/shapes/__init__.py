@@ -14,4 +14,5 @@ PLUGIN = Plugin(
         f"{_HERE}.shape": "Shape",
     },
     tools={"shapes": f"{_HERE}.reshaped:Reshaped"},
+    switches={f"{_HERE}.switches": "shape"},
 )

@@ -10,4 +10,5 @@ PLUGIN = Plugin(
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
         "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
     },
+    switches={"hhr_dolfinx.plugins.sliding.switches": "sliding"},
 )

@@ -2,6 +2,13 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_LOADS = {"hhr_dolfinx.plugins.volume_loads.loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion"}
+_HERE = "hhr_dolfinx.plugins.volume_loads"
 
-PLUGIN = Plugin(name="volume_loads", public=_LOADS, parts={"loads": _LOADS})
+_LOADS = {f"{_HERE}.loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion"}
+
+PLUGIN = Plugin(
+    name="volume_loads",
+    public=_LOADS,
+    parts={"loads": _LOADS},
+    switches={f"{_HERE}.switches": "body_force centrifugal swelling thermal"},
+)

@@ -1,0 +1,101 @@
+"""Switches of what the core can do by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import ufl
+
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.loads import Traction
+from hhr_dolfinx.pairings.obstacle import Obstacle
+from hhr_dolfinx.plugins.conformance.draft import FAR, LEFT, RIGHT
+from hhr_dolfinx.scene import Displacement, Opening
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
+    from hhr_dolfinx.plugins.conformance.draft import Draft
+
+
+def young(draft: Draft, neutral: bool) -> Draft:
+    """Young's modulus of the lower block as a parameter."""
+    draft = draft.with_parameter("E1", 2.0, 5.0, 3.0 if neutral else 3.9)
+    return draft.with_body(FIRST, lambda body: replace(body, young="E1"))
+
+
+def poisson(draft: Draft, neutral: bool) -> Draft:
+    """Poisson's ratio of the lower block as a parameter."""
+    draft = draft.with_parameter("nu1", 0.15, 0.4, 0.3 if neutral else 0.23)
+    return draft.with_body(FIRST, lambda body: replace(body, poisson="nu1"))
+
+
+def opening(draft: Draft, neutral: bool) -> Draft:
+    """A gap between the blocks that grows along the path."""
+    draft = draft.with_load_parameter("gap", 0.01, neutral)
+    opened = Opening(0, Amplitude(slopes={"gap": 1.0}))
+    return replace(draft, openings=(*draft.openings, opened))
+
+
+def obstacle(draft: Draft, neutral: bool) -> Draft:
+    """A rigid plane beside the lower block."""
+    offset = FAR if neutral else RIGHT + 0.0005
+    return draft.with_obstacle(Obstacle(side(FIRST, 0, True), draft.vector(1.0, 0.0), offset))
+
+
+def traction(draft: Draft, neutral: bool) -> Draft:
+    """Shear on a flank of the lower block."""
+    draft = draft.with_load_parameter("shear", 0.02, neutral)
+    amplitude = Amplitude(slopes={"shear": 1.0})
+    return draft.with_loads(Traction(side(FIRST, 0, False), draft.vector(0.0, 1.0), amplitude))
+
+
+def field_of_motion(draft: Draft) -> Draft:
+    """A flank of the lower block is turned, by a formula of the coordinates."""
+    draft = draft.with_load_parameter("turn", 0.01, neutral=False)
+    turn = Amplitude(slopes={"turn": 1.0})
+    height = Formula(draft.coordinates[1])
+    turned = Displacement(draft.nodes(LEFT, 0.2, 1.1), 0, turn, height)
+    return replace(draft, displacements=(*draft.displacements, turned))
+
+
+def plane_stress(draft: Draft) -> Draft:
+    """Plane stress."""
+    return draft.of_hypothesis("plane_stress")
+
+
+def axisymmetric(draft: Draft) -> Draft:
+    """Two rings about the axis."""
+    return draft.of_hypothesis("axisymmetric")
+
+
+def solid(draft: Draft) -> Draft:
+    """Two blocks in space."""
+    return draft.of_hypothesis("solid")
+
+
+def simplices(draft: Draft) -> Draft:
+    """Triangles or tetrahedra."""
+    return draft.of_simplices()
+
+
+def graded(draft: Draft, neutral: bool) -> Draft:
+    """A modulus of the lower block that changes across it."""
+    slope = 0.0 if neutral else 0.1
+
+    def factor(x: Expr) -> Expr:
+        return 1.0 + slope * (x[0] - LEFT)
+
+    return draft.with_body(FIRST, lambda body: replace(body, grading=factor))
+
+
+def own_elasticity(draft: Draft) -> Draft:
+    """Linear elasticity of the upper block by a function of the strain."""
+
+    def stress(strain: Expr) -> Expr:
+        return 2.0 * strain + 3.0 * ufl.tr(strain) * ufl.Identity(3)
+
+    return draft.with_body(SECOND, lambda body: replace(body, stress=stress))

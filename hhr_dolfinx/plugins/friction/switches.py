@@ -1,0 +1,26 @@
+"""Switches of friction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.conformance.draft import Draft
+
+
+def friction(draft: Draft, neutral: bool) -> Draft:
+    """Coulomb's law between the blocks."""
+    return draft.with_contact_law(friction=0.0 if neutral else 0.3)
+
+
+def friction_by_formula(draft: Draft, neutral: bool) -> Draft:
+    """Coulomb's coefficient as a parameter."""
+    draft = draft.with_parameter("mu", 0.0, 0.4, 0.0 if neutral else 0.25)
+    return draft.with_contact_law(law=Coulomb("mu"))
+
+
+def tresca(draft: Draft, neutral: bool) -> Draft:
+    """Tresca's law between the blocks."""
+    return draft.with_contact_law(law=Tresca(0.0 if neutral else 0.02))

@@ -1,0 +1,35 @@
+"""Switches of springs and forces at nodes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.geometries.two_blocks import FIRST, side
+from hhr_dolfinx.plugins.places.places import NodalForce, Nodes, Springs
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.conformance.draft import Draft
+
+NO_STIFFNESS = 1e-12
+"""Modulus of springs that resist nothing."""
+
+
+def bedding(draft: Draft, neutral: bool) -> Draft:
+    """A bedding of a flank of the lower block."""
+    modulus = NO_STIFFNESS if neutral else 1.0
+    return draft.with_loads(Springs(side(FIRST, 0, True), 0, modulus, bedding=True))
+
+
+def springs(draft: Draft, neutral: bool) -> Draft:
+    """A spring at a corner of the lower block."""
+    corner = Nodes.near(tuple(map(float, draft.at(1.0, 1.0))))
+    return draft.with_loads(Springs(corner, 0, NO_STIFFNESS if neutral else 0.5))
+
+
+def nodal_force(draft: Draft, neutral: bool) -> Draft:
+    """A force at a node of a flank of the lower block."""
+    draft = draft.with_load_parameter("pull", 0.01, neutral)
+    node = Nodes.near(tuple(map(float, draft.at(1.0, 0.6))))
+    vector = draft.vector(-1.0, 0.5)
+    return draft.with_loads(NodalForce(node, vector, Amplitude(slopes={"pull": 1.0})))

@@ -1,0 +1,230 @@
+"""Composition: capabilities of all plug-ins have switches, and answer alone and in pairs."""
+
+import itertools
+import random
+from dataclasses import replace
+
+import compose
+import compose_exports
+import compose_table
+import compose_toys
+import compose_verbs
+import numpy as np
+import pytest
+from compose_verbs import Case, Row
+from needs import needs, present
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.conformance.draft import (
+    Chosen,
+    Draft,
+    Excluded,
+    Kind,
+    composed,
+    has_neutral,
+    switches,
+)
+
+WITHOUT = {
+    "decks": "its loads are those of the plug-in places, its meshes are those of files",
+    "mfront": "its law is a library that MFront compiled",
+}
+"""Plug-ins that add parts of scenes and have no switch, and why."""
+OF_SCENES = ("geometries", "laws", "loads", "outputs", "pairings")
+"""Kinds of parts that change answers."""
+PAIRS = 12
+SEED = 1
+
+
+@pytest.fixture(scope="module", autouse=True)
+def toys():
+    with compose_toys.registered():
+        yield
+
+
+NAMES = compose.capabilities()
+ANY = [name for name in ("friction", "opening", "thermal", "young") if name in NAMES]
+
+
+def test_every_plug_in_that_adds_parts_of_scenes_has_a_switch():
+    for name, plugin in registry.installed().items():
+        adds = plugin.parts.keys() & set(OF_SCENES) or plugin.pair_laws
+        adds = adds or plugin.tools.keys() & {"kernel", "shapes", "second_order"}
+        if adds and name not in {*WITHOUT, *("my_law", "my_contact_law")}:
+            assert plugin.switches, f"{name} adds {adds}: name a switch of it in its manifest"
+    assert not [name for name in WITHOUT if present(name) and registry.installed()[name].switches]
+
+
+def test_a_switch_adds_a_capability_to_any_draft():
+    """Whatever comes first: a cone makes the scene solid, which a traction before it must know."""
+    known = switches()
+    three = [name for name in ("cone", "traction", "obstacle") if name in known]
+    for pair in itertools.permutations(three):
+        draft = composed(Chosen(name, known[name]) for name in pair)
+        assert draft.dimension == (3 if "cone" in pair else 2)
+        assert all(len(load.direction) == draft.dimension for load in draft.loads)
+    for name, switch in known.items():
+        assert isinstance(Chosen(name, switch, True).applied(Draft()), Draft), name
+
+
+def test_contact_opens_and_closes_along_the_path():
+    case = Case(())
+    closed = [int((forces > 0).sum()) for forces in case.reference.forces]
+    assert all(0 < count < case.reference.forces[0].size for count in closed)
+    assert len(set(closed)) >= 3 and closed[-1] < max(closed)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_capability_answers_and_its_neutral_value_changes_nothing(name):
+    rows = {row.verb: row for row in compose_verbs.tried((name,), ("full", "neutral"))}
+    assert rows["full"].outcome == "works", rows["full"]
+    assert rows["neutral"].outcome == ("works" if has_neutral(switches()[name]) else "none"), rows
+
+
+def pairs(count, seed):
+    """Pairs of capabilities, chosen at random."""
+    every = list(itertools.combinations(NAMES, 2))
+    return random.Random(seed).sample(every, min(count, len(every)))
+
+
+def check(names, verbs):
+    """Each verb answers rightly or refuses in words."""
+    rows = list(compose_verbs.tried(names, verbs))
+    assert [row.verb for row in rows] == list(verbs)
+    assert [row for row in rows if row.outcome in compose_table.FAULTS] == []
+    assert all(row.reason and row.place for row in rows if row.outcome == "refused")
+
+
+@pytest.mark.parametrize("names", pairs(PAIRS, SEED), ids="+".join)
+def test_pairs_answer_or_refuse(names):
+    check(names, ("full", "condense"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["", *NAMES])
+def test_each_capability_in_all_verbs(name):
+    check((name,) if name else (), tuple(compose_verbs.VERBS))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", pairs(PAIRS, SEED + 1), ids="+".join)
+def test_pairs_in_all_verbs(names):
+    check(names, tuple(compose_verbs.VERBS))
+
+
+def lying(draft: Draft, neutral: bool) -> Draft:
+    """A neutral value that changes the answer."""
+    return draft.with_body(1, lambda body: replace(body, young=3.0 * (1.0 + 1e-4 * neutral)))
+
+
+def test_a_neutral_value_that_changes_answers_is_found(monkeypatch):
+    known = {**switches(), "lying": lying}
+    monkeypatch.setattr(compose_verbs, "switches", lambda: known)
+    (row,) = compose_verbs.tried(("lying",), ("neutral",))
+    assert row.outcome == "wrong" and "neutral lying changes the answer by" in row.reason
+
+
+class Softer(Case):
+    """A case whose small models are those of another scene."""
+
+    @property
+    def condensed(self):
+        lower, upper = self.scene.bodies
+        softer = replace(self.scene, bodies=(replace(lower, young=2.9), upper))
+        return hhr.condense(softer, fields=True)
+
+    reduced = condensed
+
+
+@pytest.mark.parametrize("verb", ["condense", "HHR", "estimate"])
+def test_a_model_that_answers_wrongly_is_found(verb, monkeypatch):
+    """As is an error that its estimate denies; the models differ by a modulus of 3 %."""
+    monkeypatch.setattr(compose_verbs, "Case", Softer)
+    monkeypatch.setattr(compose_verbs, "REDUCED", 1e-3)
+    (row,) = compose_verbs.tried((), (verb,))
+    assert row.outcome == "wrong" and "off by" in row.reason
+
+
+@pytest.mark.parametrize(("verb", "name"), [("page", "page"), ("C", "header")])
+def test_an_export_that_answers_wrongly_is_found(verb, name, monkeypatch):
+    forces = [np.ones(3), np.zeros(3)]
+    off = [1.0001 * one for one in forces]
+    monkeypatch.setattr(compose_exports, name, lambda *_: (off, forces))
+    (row,) = compose_verbs.tried((), (verb,))
+    assert row.outcome == "wrong"
+
+
+def raising(error):
+    def full(case):
+        raise error
+
+    return full
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome"),
+    [(SceneError("no"), "refused"), (Excluded("both"), "excluded"), (KeyError("k"), "crash")],
+)
+def test_what_a_verb_raises_is_its_outcome(error, outcome, monkeypatch):
+    monkeypatch.setitem(compose_verbs.VERBS, "full", raising(error))
+    (row,) = compose_verbs.tried((), ("full",))
+    assert row.outcome == outcome and str(error) in row.reason
+
+
+def test_capabilities_that_exclude_each_other_are_no_refusal():
+    rows = list(compose_verbs.tried(("axisymmetric", "solid"), ("full", "condense")))
+    assert {row.outcome for row in rows} == {"excluded"}
+    assert composed([], Draft(kind=Kind("solid"))).dimension == 3
+
+
+def row(names, verb, outcome, reason="", place="", **measured):
+    return compose.as_dict(Row(tuple(names), verb, outcome, reason, place, **measured))
+
+
+def test_the_page_counts_what_the_report_has():
+    """Sentences that differ by names and numbers are one; the full model's are counted once."""
+    rows = [
+        row("a", "full", "works"),
+        row("a", "neutral", "works", neutral=3e-9),
+        row("ab", "full", "refused", "scene 'x' has 3 laws", "m.py:f"),
+        row("ab", "condense", "refused", "scene 'x' has 3 laws", "m.py:f"),
+        row("ac", "full", "refused", "scene 'y' has 4.5 laws", "m.py:f"),
+        row("bc", "full", "works"),
+        row("bc", "condense", "refused", "not so", "m.py:g"),
+        row("bc", "page", "wrong", "off | by 1"),
+        row("bd", "full", "excluded", "both"),
+    ]
+    found = compose_table.refusals(rows)
+    assert [(item["pairs"], item["verb"]) for item in found] == [(2, "full"), (1, "condense")]
+    assert compose_table.shares(rows)["full"]["pairs"] == {"excluded": 1, "refused": 2, "works": 1}
+    lines = compose_table.matrix(rows, list("abcd"))
+    cells = [line.split()[2:] for line in lines[2:]]
+    assert cells == [["+", "F", "F"], ["F", "!", "x"], ["F", "!"], ["x"]]
+    text = compose_table.page(rows, list("abcd"))
+    assert "| full | 1 of 1 (100.0 %) | 1 of 3 (33.3 %) |" in text and "by 3e-09 at most" in text
+    assert r"off \| by 1" in text
+
+
+@needs("constraints", "friction", "inelastic", "obstacles", "places", "shapes", "sliding")
+def test_the_page_of_the_docs_names_capabilities_that_are_there():
+    text = compose_table.PAGE.read_text(encoding="utf-8")
+    block = text.partition("```text\n")[2].partition("```")[0]
+    words = [line.split() for line in block.splitlines()]
+    named = {row[1] for row in words if len(row) > 1 and row[1].isidentifier()}
+    assert len(named) > 40 and (named <= set(NAMES) or not present("volume_loads", "stress"))
+
+
+@pytest.mark.slow
+@needs("friction", "volume_loads")
+def test_compositions_run_in_processes_and_are_not_run_again(tmp_path):
+    """One that takes too long is ended; what the report has stays."""
+    rows = compose.run(("opening",), ("full", "condense"), 100.0)
+    assert [one.outcome for one in rows] == ["works", "works"]
+    ended = compose.run(("opening",), ("full", "condense"), 1e-3)
+    assert {one.outcome for one in ended} == {"time out"}
+    options = compose.cli.argparse.Namespace(out=tmp_path, seed=1)
+    compose.write(map(compose.as_dict, rows), NAMES, options)
+    known = compose.known_rows(tmp_path / "report.json")
+    assert set(known) == {(("opening",), "full"), (("opening",), "condense")}
