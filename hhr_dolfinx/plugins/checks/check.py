@@ -80,7 +80,9 @@ def _units(found: SceneCheck) -> None:
     """Parameters whose unit is another one than that of the scene: labels convert nothing."""
     units = found.scene.units
     labels = found.scene.parameter_units
-    for name in found.scene.parameters.names if units is not None else ():
+    if units is None:
+        return
+    for name in found.scene.parameters.names:
         expected = units.conflict(labels.get(name, ""))
         if expected is not None:
             found.note(
