@@ -124,8 +124,9 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
         row_of[numbers.astype(np.int64)] = np.arange(numbers.size)
         found = []
         for dim, tag in gmsh.model.getEntities():
-            groups = tuple((int(n), gmsh.model.getPhysicalName(dim, n).strip())
-                           for n in gmsh.model.getPhysicalGroupsForEntity(dim, tag))  # fmt: skip
+            # a group with reversed orientation has a negative number there
+            own = np.unique(np.abs(gmsh.model.getPhysicalGroupsForEntity(dim, tag))).astype(int).tolist()
+            groups = tuple((number, gmsh.model.getPhysicalName(dim, number).strip()) for number in own)
             kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
             for kind, own in zip(kinds, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)

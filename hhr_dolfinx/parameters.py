@@ -96,6 +96,12 @@ def named_values(table: Any) -> dict[Any, Any] | None:
     return {name: table[name] for name in labels}
 
 
+def _filled(values: Any) -> Any:
+    """NaN for what a masked array masks, which NumPy would turn into the number below the mask."""
+    masked = isinstance(values, np.ma.MaskedArray) and values.dtype.names is None
+    return values.astype(float).filled(np.nan) if masked else values
+
+
 def has_names(table: Any) -> bool:
     """True for a table whose columns have names, and for a list or tuple whose first row has them."""
     first = table[:1] if isinstance(table, list | tuple) else ()
@@ -249,7 +255,7 @@ class ParameterSpace(KnownArguments):
         """Values or columns with names in the order of the parameters; others as they are."""
         named = named_values(values)
         if named is None:
-            return values
+            return _filled(values)
         if set(self.names) ^ set(named):
             missing = [f"{name!r} is missing" for name in self.names if name not in named]
             unknown = [f"{name!r} is unknown" for name in sorted(named, key=str) if name not in self.names]
@@ -257,7 +263,7 @@ class ParameterSpace(KnownArguments):
             raise ParameterError(
                 f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
             )
-        return [named[name] for name in self.names]
+        return [_filled(named[name]) for name in self.names]
 
     def table(self, rows: PointsLike, least: int = 0) -> np.ndarray:
         """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside the box or not.
@@ -265,6 +271,7 @@ class ParameterSpace(KnownArguments):
         Raises:
             ParameterError: for another shape, names that do not match, or values that are no numbers.
         """
+        rows = _filled(rows)
         try:
             if (columns := self._in_order(rows)) is not rows:
                 points = np.column_stack([np.array(column, dtype=float, ndmin=1) for column in columns])

@@ -360,7 +360,13 @@ class Scene(KnownArguments):
         for name in names:
             if names.count(name) > 1:
                 raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
-        for opening in self.openings:
+        whole: dict[int, int] = {}
+        for place, opening in enumerate(self.openings):
+            if opening.overwrites and (before := whole.setdefault(opening.contact, place)) != place:
+                raise SceneError(
+                    f"openings {before} and {place} both overwrite the gaps of contact {opening.contact}, and each is "
+                    "the whole gap: leave one of them out, or give one without overwrites=True, which adds to it"
+                )
             if opening.contact >= len(self.contacts):
                 pairs = ", ".join(f"{place} of {tuple(item.tags)}" for place, item in enumerate(self.contacts))
                 raise SceneError(

@@ -95,6 +95,10 @@ REFUSED = [
     (lambda: changed(contacts=(FLOOR, hhr.Obstacle(1, (0.0, -3.0), 0.5))), r"the same pair of surfaces \(1,\)"),
     (lambda: changed(contacts=(hhr.NodeToNode(11, 11, (0.0, 1.0)),)), "contact 0 pairs surface 11 with itself"),
     (lambda: changed(openings=(hhr.Opening(1, 1.0),)), "an opening names contact 1, of 1 counted from 0"),
+    (
+        lambda: changed(openings=(hhr.Opening(0, 1.0, True), hhr.Opening(0, 1.0), hhr.Opening(0, 2.0, True))),
+        "openings 0 and 2 both overwrite the gaps of contact 0",
+    ),
     (lambda: changed(loads=(hhr.PartialPressure(1, 1.0, "h"),)), r"up to 'h': .* one of the parameters \('mu',\)"),
     *((lambda order=order: changed(order=order), "must be 1 or 2") for order in (3, 2.0, True, 0, "2")),
     # materials

@@ -290,6 +290,28 @@ def test_files_that_are_no_meshes_are_refused_with_the_reason(name, tmp_path):
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
+def test_groups_of_reversed_entities_have_their_names(version, tmp_path):
+    """Manual of gmsh: ``Physical Curve("floor", 5) = {-1}`` has line 1 with reversed orientation in group 5."""
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.model.occ.addRectangle(0, 0, 0, 2, 1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(1, [-1], 5, name="floor")
+    gmsh.model.addPhysicalGroup(1, [-3, 3], 6, name="lid")
+    gmsh.model.addPhysicalGroup(2, [-1], 7, name="body")
+    gmsh.model.mesh.generate(2)
+    gmsh.write(str(tmp_path / "turned.msh"))
+    gmsh.finalize()
+    read = hhr.MeshFile(tmp_path / "turned.msh").read()
+    assert read.bodies.keys() == {7, "body"} and read.surfaces.keys() == {5, "floor", 6, "lid"}
+    assert len(read.bodies["body"]) == len(read.cells)
+    for name, height in (("floor", 0.0), ("lid", 1.0)):
+        assert np.ptp(read.points[read.surfaces[name]][:, :, 0]) == pytest.approx(2.0)
+        assert (read.points[read.surfaces[name]][:, :, 1] == height).all()
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
 def test_prisms_are_called_prisms(version, tmp_path):
     """Their sides are plane cells, which were taken for the mesh: a shell."""
     gmsh.initialize()

@@ -95,6 +95,27 @@ def test_names_that_do_not_match_are_refused(table, why):
         SPACE.points(table)
 
 
+MASKED = {
+    "a point": (SPACE.point, np.ma.array([1, 2], mask=[False, True])),
+    "a value": (SPACE.point, {"push": 1.0, "pull": np.ma.masked}),
+    "a record": (SPACE.point, np.ma.array((1.0, 1.0), mask=(False, True), dtype=[("push", float), ("pull", float)])),
+    "a table": (SPACE.points, np.ma.array([[1.5, 0.5]], mask=[[False, True]])),
+    "rows": (SPACE.points, [[1.0, 1.0], np.ma.array([1.5, 0.5], mask=[False, True])]),
+    "a column": (SPACE.points, {"push": [1.0], "pull": np.ma.array([0.5], mask=[True])}),
+    "records": (SPACE.points, np.ma.array([(1.0, 1.0)], mask=[(0, 1)], dtype=[("push", float), ("pull", float)])),
+    "a path": (lambda path: checked_path(SPACE, path), [(0.0, np.ma.array([1.5, 0.5], mask=[False, True]))]),
+}
+
+
+@pytest.mark.parametrize("kind", MASKED)
+def test_what_is_masked_is_missing(kind):
+    """Masked entries are missing or invalid, as the manual of numpy.ma says, whatever number is below the mask."""
+    read, values = MASKED[kind]
+    with pytest.raises(ParameterError, match="pull = nan is not finite"):
+        read(values)
+    assert SPACE.points(np.ma.array(ROWS)).tolist() == ROWS.tolist()
+
+
 def test_models_read_names():
     """A block between two loads: every entry of the package gives the answer to the mapping, which has one meaning."""
     lid, side, floor = block.side(1, upper=True), block.side(0, upper=True), block.side(1, upper=False)

@@ -5,14 +5,14 @@ Everything else of a section of physics is a TODO line, items and their children
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
-from xml.parsers import expat
 
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.feb_curves import Numbers
+from hhr_dolfinx.plugins.decks.feb_items import Item, tree_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
-from hhr_dolfinx.plugins.decks.stated import OF_FEBIO, OTHER
+from hhr_dolfinx.plugins.decks.stated import ELSEWHERE, OF_FEBIO, OTHER
 
 _ELASTIC = ("isotropic elastic", "neo-Hookean")
 """Materials that are linear for small strains."""
@@ -25,6 +25,8 @@ _READ = {
     "contact": ("fric_coeff",),
 }
 """Children of items that are read."""
+_ATTRIBUTES = frozenset(("id", "name", "type", "node_set", "surface", "surface_pair"))
+"""Attributes of items that are read."""
 _SOLVER = frozenset(
     "penalty auto_penalty update_penalty laugon tolerance gaptol minaug maxaug search_tol search_radius two_pass "
     "symmetric_stiffness seg_up augs knmult node_reloc fric_penalty flip_primary flip_secondary".split()
@@ -32,47 +34,23 @@ _SOLVER = frozenset(
 """Children of contacts that choose how a penalty is found; contact is hard here."""
 
 
-@dataclass
-class Item:
-    """An element of XML with its line."""
-
-    tag: str
-    attributes: Mapping[str, str]
-    line: int
-    text: str = ""
-    items: list[Item] = field(default_factory=list)
-
-    def child(self, tag: str) -> Item | None:
-        """First child of a tag."""
-        return next((one for one in self.items if one.tag == tag), None)
-
-    def number(self, tag: str) -> float | None:
-        """Number of a child; None if it is not there, or a formula."""
-        one = self.child(tag)
-        try:
-            return float(one.text) if one is not None else None
-        except ValueError:
-            return None
-
-    def name(self, key: str) -> str:
-        """Attribute, without the kind of set before a name, as in ``@surface:Lid``."""
-        return self.attributes.get(key, "").rpartition(":")[2]
-
-
 def read_febio(path: Path, parts: NamedParts) -> Deck | None:
     """Read a file whose mesh is read; None for one of version 2, or with a material that is not read."""
-    root = _tree(path)
-    sections = list(_sections(root, path, parts))
+    root = tree_of(path)
+    numbers = Numbers(root)
+    sections = list(_sections(root, numbers, path, parts))
     domains = root.child("MeshDomains")
     if not sections or domains is None or len(sections) < len(domains.items):
         return None
-    made: list[Support | Load | Pair | Left] = [
-        one for section in root.items for item in section.items for one in _made(section.tag, item, root, path, parts)
-    ]
+    made: list[Support | Load | Pair | Left] = [*_unread(root, numbers, path)]
+    for section in root.items:
+        for item in section.items:
+            made += _made(section.tag, item, numbers, path, parts)
     supports = tuple(one for one in made if isinstance(one, Support))
     ties = tuple(one for one in made if isinstance(one, Load) and not one.kind)
     pairs = tuple(one for one in made if isinstance(one, Pair))
-    stated = root.child("Contact")
+    inside = [one for step in root.items if step.tag == "Step" for one in step.items]
+    contacts = [section for one in (root, *inside) for section in one.items if section.tag == "Contact"]
     return Deck(
         path,
         "solid",
@@ -82,32 +60,22 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
         pairs or parts.out_of_reach(supports),
         tuple(one for one in made if isinstance(one, Left)),
         constraints=ties,
-        contact_lost=stated is not None and len(stated.items) > len(ties) and not pairs,
+        contact_lost=sum(len(one.items) for one in contacts) > len(ties) and not pairs,
     )
 
 
-def _tree(path: Path) -> Item:
-    """Root of a file; FileContentError comes before, from the reader of its mesh, which refuses a DOCTYPE too."""
-    inside = [Item("", {}, 0)]
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        item = Item(tag, attributes, parser.CurrentLineNumber)
-        inside[-1].items.append(item)
-        inside.append(item)
-
-    def data(text: str) -> None:
-        inside[-1].text += text
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda tag: inside.pop()
-    parser.CharacterDataHandler = data
-    parser.Parse(path.read_bytes(), True)
-    return inside[0].items[0]
+def _unread(root: Item, numbers: Numbers, path: Path) -> Iterator[Left]:
+    """Sections of physics in other files, and an end of the computation that the file does not state."""
+    for one in root.items:
+        if one.tag == "Include" or (one.tag in (*OF_FEBIO, "LoadData", "Control") and "from" in one.attributes):
+            other = one.attributes.get("from", one.text.strip())
+            yield Left(f"{path.name}:{one.line}", f'<{one.tag} from="{other}">', ELSEWHERE)
+    if numbers.end is None and numbers.uses_curves:
+        why = "the file does not say when its computation ends: load curves have the values of their last points"
+        yield Left(path.name, "<Control>", why)
 
 
-def _sections(root: Item, path: Path, parts: NamedParts) -> Iterator[Section]:
+def _sections(root: Item, numbers: Numbers, path: Path, parts: NamedParts) -> Iterator[Section]:
     """Bodies with materials that are read, by the domains of the file."""
     materials = root.child("Material")
     by_name = {one.attributes.get("name", ""): one for one in (materials.items if materials else ())}
@@ -117,8 +85,8 @@ def _sections(root: Item, path: Path, parts: NamedParts) -> Iterator[Section]:
         tag = parts.body(domain.attributes.get("name", ""))
         if item is None or tag is None or item.attributes.get("type") not in _ELASTIC:
             continue
-        young = item.number("E")
-        poisson = item.number("v")
+        young = numbers.of(item, "E")
+        poisson = numbers.of(item, "v")
         if young is not None and poisson is not None:
             name = item.attributes["name"]
             source = f"{path.name}:{item.line}"
@@ -126,7 +94,7 @@ def _sections(root: Item, path: Path, parts: NamedParts) -> Iterator[Section]:
 
 
 def _made(
-    section: str, item: Item, root: Item, path: Path, parts: NamedParts
+    section: str, item: Item, numbers: Numbers, path: Path, parts: NamedParts
 ) -> Iterator[Support | Load | Pair | Left]:
     """Parts of a scene of an item, and what is left of it."""
     why = OF_FEBIO.get(section)
@@ -137,29 +105,34 @@ def _made(
     name = f'<{item.tag} type="{kind}">'
     made: list[Support | Load | Pair] = []
     if section == "Boundary" and item.tag == "bc":
-        made = list(_supports(item, kind, source, root, parts))
+        made = list(_supports(item, kind, source, numbers, parts))
     elif section == "Loads" and item.tag == "surface_load" and kind == "pressure":
         surface = parts.surface(item.name("surface"))
-        value = item.number("pressure")
+        value = numbers.of(item, "pressure")
         if surface is not None and value is not None:
-            value *= _curve(root, item.child("pressure"))
             made = [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
     elif section == "Contact":
-        made = list(_pairs(item, kind, source, root, parts))
+        made = list(_pairs(item, kind, source, numbers, parts))
     read = bool(made) or (section == "Material" and kind in _ELASTIC)
+    for child in item.items:
+        if lost := numbers.why_not(child):
+            yield Left(f"{path.name}:{child.line}", f'<{child.tag} lc="{child.attributes["lc"]}">', lost)
     if not read:
         yield Left(source, name, why)
         return
     yield from made
     if kind == "neo-Hookean":
         yield Left(source, name, "strains are small here")
+    for key in sorted(item.attributes.keys() - _ATTRIBUTES):
+        yield Left(source, f'<{item.tag} {key}="{item.attributes[key]}">', OTHER)
     known = _READ.get(item.tag, ())
     for child in item.items:
-        if child.tag not in known and not (section == "Contact" and child.tag in _SOLVER):
+        formula = child.tag == "fric_coeff" and item.number(child.tag) is None
+        if formula or (child.tag not in known and not (section == "Contact" and child.tag in _SOLVER)):
             yield Left(f"{path.name}:{child.line}", f"<{child.tag}>", f"{OTHER}: {child.text.strip()}")
 
 
-def _supports(item: Item, kind: str, source: str, root: Item, parts: NamedParts) -> Iterator[Support]:
+def _supports(item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts) -> Iterator[Support]:
     place = parts.place(item.name("node_set"))
     if place is None:
         return
@@ -171,30 +144,19 @@ def _supports(item: Item, kind: str, source: str, root: Item, parts: NamedParts)
                 yield Support(place, k, 0.0, source)
     elif kind in _MOVED and (dof := item.child("dof")) is not None:
         tag = "value" if item.child("value") is not None else "scale"
-        value = item.number(tag)
+        value = numbers.of(item, tag)
         if value is not None and dof.text.strip() in ("x", "y", "z"):
-            yield Support(place, "xyz".index(dof.text.strip()), value * _curve(root, item.child(tag)), source)
+            yield Support(place, "xyz".index(dof.text.strip()), value, source)
 
 
-def _pairs(item: Item, kind: str, source: str, root: Item, parts: NamedParts) -> Iterator[Pair | Load]:
+def _pairs(item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts) -> Iterator[Pair | Load]:
     """The pair of a sliding contact, whose primary surface is the slave, or a tie."""
-    mesh = root.child("Mesh")
+    mesh = numbers.root.child("Mesh")
     pairs = {one.attributes.get("name"): one for one in (mesh.items if mesh else ()) if one.tag == "SurfacePair"}
     pair = pairs.get(item.attributes.get("surface_pair"))
     words = [one.text.strip() if (one := pair.child(tag)) else "" for tag in ("primary", "secondary")] if pair else []
     surfaces: list[Tag] = [tag for word in words if (tag := parts.surface(word)) is not None]
     if len(surfaces) == 2 and kind.startswith("sliding"):
-        yield parts.pair(surfaces[0], surfaces[1], item.number("fric_coeff") or 0.0, source)
+        yield parts.pair(surfaces[0], surfaces[1], numbers.of(item, "fric_coeff") or 0.0, source)
     elif len(surfaces) == 2 and kind.startswith("tied"):
         yield Load("", f"hhr.Tie({surfaces[0]!r}, {surfaces[1]!r})", 0.0, source)
-
-
-def _curve(root: Item, item: Item | None) -> float:
-    """Last value of the load curve of a value, 1 without one."""
-    number = item.attributes.get("lc") if item is not None else None
-    data = root.child("LoadData")
-    for one in data.items if data and number else ():
-        points = one.child("points")
-        if one.attributes.get("id") == number and points is not None and points.items:
-            return float(points.items[-1].text.split(",")[1])
-    return 1.0

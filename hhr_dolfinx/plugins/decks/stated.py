@@ -19,6 +19,7 @@ CONTACT = "the file states contact: name its pair and its friction= in contacts"
 CONSTRAINT = "the file states a constraint: hhr.Tie, hhr.Equation or hhr.RigidMotion in constraints"
 STEP = "the file states steps: hhr.Leg in a hhr.PathFamily"
 OTHER = "the file states it, and it is not read"
+ELSEWHERE = "this section is in another file, which is not read: put it into this one"
 OF_FEBIO = {
     "Material": BODY, "Boundary": SUPPORT, "Loads": LOAD, "Contact": CONTACT, "Constraints": CONSTRAINT,
     "Rigid": CONSTRAINT, "Discrete": "the file states springs: hhr.Springs in loads", "Initial": OTHER, "Step": STEP,
@@ -72,6 +73,9 @@ def _of_febio(path: Path) -> Iterator[Left]:
         if len(inside) == 2 and (why := OF_FEBIO.get(inside[1])):
             words = " ".join(f'{key}="{value}"' for key, value in attributes.items() if key != "id")
             left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", f"<{tag} {words}>".replace(" >", ">"), why))
+        elif len(inside) == 1 and tag in OF_FEBIO and "from" in attributes:
+            keyword = f'<{tag} from="{attributes["from"]}">'
+            left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", keyword, ELSEWHERE))
         inside.append(tag)
 
     parser.StartElementHandler = start

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.parameters import named_values
+from hhr_dolfinx.parameters import PointLike, named_values
 
 
 class OutputFunction:
@@ -52,8 +52,8 @@ class OutputFunction:
         """Refuse a point, (P,), outside the box or the training range, with a ParameterError; solves for nothing."""
         self.model.check_range(self.model.parameters.point(point), self.outside)
 
-    def jacobian(self, point: object) -> np.ndarray:
+    def jacobian(self, point: PointLike) -> np.ndarray:
         """Derivatives of the outputs along the parameters at a point, (P,): (K, P)."""
-        found = self.model.outputs(np.asarray(point, dtype=float), gradient=True, outside=self.outside).gradient
+        found = self.model.outputs(self.model.parameters.point(point), gradient=True, outside=self.outside).gradient
         assert found is not None
         return np.array([found[name] for name in self.outputs])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
@@ -75,4 +76,17 @@ def _take(found: Contents, item: Element, block: Element) -> None:
     elif item.tag in ("NodeSet", "ElementSet") or block.tag in ("NodeSet", "ElementSet"):
         whole = item.tag.endswith("Set")
         sets = found.nodes if "NodeSet" in (item.tag, block.tag) else found.sets
-        sets.setdefault(item.get("name", "") if whole else name, []).extend(words if whole else [item.attrib["id"]])
+        members = [one for word in words for one in _members(word)] if whole else [item.attrib["id"]]
+        sets.setdefault(item.get("name", "") if whole else name, []).extend(members)
+
+
+def _members(word: str) -> Iterator[str]:
+    """Numbers of a word of a set: one number, or a range with both ends, such as ``1:7`` or ``1:7:2``."""
+    first, *rest = word.split(":")
+    if not rest:
+        yield word
+        return
+    if len(rest) > 2:
+        raise ValueError(f"{word!r} is no range of numbers, first:last or first:last:step")
+    last, step = (*map(int, rest), 1)[:2]
+    yield from map(str, range(int(first), last + 1, step))

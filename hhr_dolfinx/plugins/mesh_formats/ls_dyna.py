@@ -29,7 +29,7 @@ def read_keywords(path: Path) -> RawMesh:
 
 def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
     keyword = ""
-    long = False
+    usual = "-"
     rows: Rows = []
     with found.reading(path) as lines:
         for line in lines:
@@ -37,8 +37,12 @@ def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
                 break
             if line.startswith("*"):
                 _take(found, titles, keyword, rows, path)
-                long = long or "LONG=Y" in line.upper().replace(" ", "")
-                keyword = line[1:].strip().upper() + "+" * long
+                # writers add (ten nodes format) to solids, whose nodes are in the next row
+                keyword = line[1:].partition("(")[0].strip().upper()
+                options = keyword.replace(" ", "")
+                usual = "+" if "LONG=Y" in options else "%" if "I10=Y" in options else usual
+                # a mark of the block counts more than the option of the file
+                keyword += "" if keyword.endswith(("+", "-", "%")) else usual
                 rows = []
             elif not line.startswith("$"):
                 rows.append((found.line, line))
@@ -46,27 +50,34 @@ def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
 
 
 def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, path: Path) -> None:
-    """Add a block; blocks that are not part of a mesh are skipped. ``*NODE+`` has fields of 20 letters."""
-    width = 20 if keyword.endswith("+") else 8 if keyword.startswith(("NODE", "ELEMENT")) else 10
+    """Add a block; blocks that are not part of a mesh are skipped.
+
+    ``*NODE+`` has fields of 20 letters, as all blocks after ``LONG=Y``, and ``*NODE %`` of 10 and not 8, as after
+    ``I10=Y``.
+    """
+    short = keyword.endswith("-") and keyword.startswith(("NODE", "ELEMENT"))
+    width = 20 if keyword.endswith("+") else 8 if short else 10
     keyword = keyword.rstrip("+-% ")
     if keyword == "NODE":
         for found.line, row in rows:
             node, *place = _fields(row, width, max(width, 16))
-            found.points[int(node)] = [float(word or 0) for word in (*place, "", "", "")[:3]]
+            found.points[int(_number(node))] = [_number(word) for word in (*place, "", "", "")[:3]]
     elif keyword == "ELEMENT_SHELL":
         _elements(found, PLANE, keyword, rows, width)
     elif solid := _SOLID.fullmatch(keyword):
         _elements(found, SOLID, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
     elif keyword == "PART":
         for (_, title), (found.line, row) in zip(rows[::2], rows[1::2], strict=False):
-            titles[_numbers(row, width)[0]] = title.strip()
+            titles[_numbers(row, width, 1)[0]] = title.strip()
     elif keyword == "INCLUDE":
         for found.line, row in rows:
             _read(found, titles, path.parent / row.strip())
     elif of := _SET.fullmatch(keyword):
         title = rows[0][1].strip() if keyword.endswith("_TITLE") else ""
         titled = keyword.endswith("_TITLE")
-        _set(found, of[1], title, [_numbers(row, width) for found.line, row in rows[titled:]], bool(of[2]))
+        # the first row goes on with attributes and the name of a solver
+        numbers = [_numbers(row, width, None if k else 1) for k, (found.line, row) in enumerate(rows[titled:])]
+        _set(found, of[1], title, numbers, bool(of[2]))
     elif keyword.startswith(("ELEMENT_", "SET_", "INCLUDE_", "NODE_")):
         found.left_out[f"*{keyword}"] = "blocks of this kind are not read"
 
@@ -121,5 +132,13 @@ def _fields(row: str, *widths: int) -> list[str]:
     return [word.strip() for word in (first, *(rest[k : k + widths[-1]] for k in range(0, len(rest), widths[-1])))]
 
 
-def _numbers(row: str, width: int) -> list[int]:
-    return [int(float(word)) if word else 0 for word in _fields(row, width)]
+def _numbers(row: str, width: int, count: int | None = None) -> list[int]:
+    """Integers of a row, or the first ones."""
+    return [int(_number(word)) for word in _fields(row, width)[:count]]
+
+
+def _number(word: str) -> float:
+    """Number of a field, 0 of an empty one; ValueError for a parameter or an expression, which stand for numbers."""
+    if "&" in word or word.startswith("<"):
+        raise ValueError(f"{word!r} is a number of *PARAMETER, which is not read: write the number there")
+    return float(word or 0)

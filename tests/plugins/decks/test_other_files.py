@@ -247,10 +247,12 @@ FEBIO = """<febio_spec version="4.0">
 </febio_spec>"""
 
 
-@needs("mesh_formats")
-@pytest.mark.parametrize("more", ["", "<tension>1</tension>"])
-def test_physics_of_a_file_of_febio(more, tmp_path):
-    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100. Manual of FEBio 4."""
+CONTROL = "<Control><time_steps>{}</time_steps><step_size>{}</step_size></Control>"
+UNIT_TIME = CONTROL.format(10, 0.1)
+
+
+def febio(folder, *changes, more="", control=UNIT_TIME):
+    """Scene of two cubes of 10, .02 apart, and what ``hhr start`` says; texts of the file are exchanged in pairs."""
     mesh = ""
     for part, z, first in ((1, 0.0, 1), (2, 10.02, 11)):
         square = ((0, 0), (10, 0), (10, 10), (0, 10))
@@ -259,9 +261,133 @@ def test_physics_of_a_file_of_febio(more, tmp_path):
         corners = ",".join(str(first + k) for k in range(8))
         cell = f'<elem id="{part}">{corners}</elem>'
         mesh += f'<Nodes>{rows}</Nodes><Elements type="hex8" name="Part{part}">{cell}</Elements>'
-    (tmp_path / "part.feb").write_text(FEBIO.replace("{mesh}", mesh).replace("{more}", more))
-    code, output = invoke("start", tmp_path / "part.feb")
-    assert code == 0 and ("TODO" in output) == bool(more) == ("<tension>" in output), output
-    scene = scene_of(str(tmp_path / "part.py"))
+    text = FEBIO.replace("{mesh}", mesh).replace("{more}", more).replace("<Material>", control + "<Material>")
+    for old, new in zip(changes[::2], changes[1::2], strict=True):
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "part.feb").write_text(text)
+    code, output = invoke("start", folder / "part.feb", "--force")
+    assert code == 0, output
+    return scene_of(str(folder / "part.py")), output
+
+
+def force(scene):
+    return hhr.FullOrderModel(scene).solve(scene.parameters.middle).forces().sum()
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize("more", ["", "<tension>1</tension>"])
+def test_physics_of_a_file_of_febio(more, tmp_path):
+    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100. Manual of FEBio 4."""
+    scene, output = febio(tmp_path, more=more)
+    assert ("TODO" in output) == bool(more) == ("<tension>" in output), output
     assert scene.contacts[0].slave == "Foot" and scene.contacts[0].friction == 0.1
-    assert hhr.FullOrderModel(scene).solve(scene.parameters.middle).forces().sum() == pytest.approx(150.0, rel=1e-9)
+    assert force(scene) == pytest.approx(150.0, rel=1e-9)
+
+
+def curve(points, interpolate="LINEAR", extend="CONSTANT"):
+    rows = "".join(f"<pt>{time},{value}</pt>" for time, value in points)
+    words = f"<interpolate>{interpolate}</interpolate><extend>{extend}</extend>"
+    return f'<load_controller id="1" type="loadcurve">{words}<points>{rows}</points>'
+
+
+OLD_CURVE = '<load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>'
+LINE = ((0, 0), (1, 1))
+WAVE = ((0, 0), (1, 1), (2, 0), (3, 2))
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize(
+    ("end", "points", "words", "value"),
+    [
+        (0.8, LINE, (), 0.8),
+        (1.0, ((0, 0), (1, 1), (2, 0)), (), 1.0),
+        (1.0, ((0, 0), (0.5, 0.4)), ("LINEAR", "EXTRAPOLATE"), 0.8),
+        (1.0, ((0, 0), (0.5, 0.4)), ("LINEAR", "CONSTANT"), 0.4),
+        (1.0, ((0.5, 0.25), (2, 4)), (), 0.25 + 3.75 / 3),
+        (2.25, LINE, ("LINEAR", "REPEAT"), 0.25),
+        (2.0, LINE, ("LINEAR", "REPEAT"), 1.0),
+        (2.25, LINE, ("LINEAR", "REPEAT OFFSET"), 2.25),
+        (0.8, LINE, ("STEP",), 1.0),
+        (0.25, LINE, ("SMOOTH STEP",), 0.25**3 * (10 - 15 * 0.25 + 6 * 0.25**2)),
+        (0.75, LINE, ("SMOOTH",), 0.75),
+        (0.5, ((0, 0), (1, 1), (2, 0)), ("SMOOTH",), 0.75),  # 2 t - t^2
+        (1.5, WAVE, ("SMOOTH",), 0.4375),  # mean of 3/4 and 1/8, of parabolas through points 0 to 2 and 1 to 3
+        (2.5, WAVE, ("smooth",), 0.625),  # parabola through the last three points
+    ],
+)  # fmt: skip
+def test_a_load_curve_has_its_value_at_the_end_of_the_computation(end, points, words, value, tmp_path):
+    """Manual of FEBio 4, section LoadData, and FECore/PointCurve.cpp: time_steps times step_size is the end."""
+    control = CONTROL.format(10, end / 10)
+    scene, output = febio(tmp_path, OLD_CURVE, curve(points, *words), control=control)
+    assert "TODO" not in output, output
+    moved = scene.parameters.middle[scene.parameters.names.index("displacement")]
+    assert moved == pytest.approx(-0.1 * value, rel=1e-9)
+
+
+@needs("mesh_formats")
+def test_the_force_at_the_end_of_a_load_curve(tmp_path):
+    """A curve from 0 to 1 that ends at .9: .09 less .02 is closed, which is E .07 / 20 times 100."""
+    scene, _ = febio(tmp_path, OLD_CURVE, curve(LINE), control=CONTROL.format(9, 0.1))
+    assert force(scene) == pytest.approx(350.0, rel=1e-9)
+
+
+@needs("mesh_formats")
+def test_steps_of_febio_add_their_times(tmp_path):
+    """FEModelBuilder.cpp of FEBio: the first step takes over the Control outside of it, others have theirs."""
+    steps = f'<Step><step id="1"/><step id="2">{CONTROL.format(1, 0.5)}</step></Step></febio_spec>'
+    changes = OLD_CURVE, curve(((0, 0), (2, 1))), "</febio_spec>", steps
+    scene, output = febio(tmp_path, *changes, control=CONTROL.format(1, 0.7))
+    assert scene.parameters.middle[0] == pytest.approx(-0.06, rel=1e-9)
+    assert output.count("TODO") == 2  # the steps
+
+
+@needs("mesh_formats")
+@pytest.mark.parametrize(
+    ("changes", "todo"),
+    [
+        ((OLD_CURVE, '<load_controller id="1" type="math"><math>0.8*t</math>'), "is of type math"),
+        ((OLD_CURVE, OLD_CURVE.replace('id="1"', 'id="2"')), "the file has no load_controller 1"),
+        ((OLD_CURVE, curve(((0, 0), (0.5, 1), (3, 2)), "CUBIC SPLINE")), "interpolate CUBIC SPLINE"),
+        ((OLD_CURVE, curve(WAVE, "STEP")), "interpolate STEP"),  # jumps at the end
+        ((OLD_CURVE, curve(((1, 0), (0, 1)))), "the points of load_controller 1 are not read"),
+        (("<fric_coeff>0.1", '<fric_coeff lc="7">0.1'), "the file has no load_controller 7"),
+        (("<fric_coeff>0.1", '<fric_coeff type="math">X'), "<fric_coeff>: the file states it, and it is not read: X"),
+        (("<contact ", '<contact active="0" '), '<contact active="0">'),
+        (("</febio_spec>", '<Loads from="loads.feb"/></febio_spec>'), '<Loads from="loads.feb">: this section'),
+        (("</febio_spec>", "<Include>loads.feb</Include></febio_spec>"), '<Include from="loads.feb">: this section'),
+        (("<E>1000", '<E lc="3">1000'), "the file states a material"),
+        (("<time_steps>10", "<time_steps>ten"), "<Control>: the file does not say when"),
+    ],
+)  # fmt: skip
+def test_what_is_not_read_of_a_file_of_febio_is_a_todo_line(changes, todo, tmp_path):
+    _, output = febio(tmp_path, *changes)
+    assert "TODO part.feb" in output and todo in output, output
+
+
+@needs("mesh_formats")
+def test_contact_in_a_step_of_febio_is_lost_with_a_word(tmp_path):
+    """A scene without the contact of its file has other answers: ``hhr start`` ends with its code for that."""
+    febio(tmp_path)
+    text = (tmp_path / "part.feb").read_text()
+    text = text.replace("<Contact>", '<Step><step id="1"><Contact>').replace("</Contact>", "</Contact></step></Step>")
+    (tmp_path / "part.feb").write_text(text)
+    code, output = invoke("start", tmp_path / "part.feb", "--force")
+    assert code == 3 and "states contact" in output, output
+
+
+@needs("mesh_formats")
+def test_load_curves_of_materials_and_friction(tmp_path):
+    """All numbers of FEBio may have a curve: E is 2 * 1000 and the friction 2 * .1 at the end, which is t = 1."""
+    more = '<load_controller id="2" type="loadcurve"><points><pt>0,1</pt><pt>1,2</pt></points></load_controller>'
+    changes = "<E>", '<E lc="2">', "<fric_coeff>", '<fric_coeff lc="2">', "</LoadData>", f"{more}</LoadData>"
+    scene, output = febio(tmp_path, *changes)
+    assert "TODO" not in output and scene.contacts[0].friction == 0.2
+    assert force(scene) == pytest.approx(300.0, rel=1e-9)
+
+
+@needs("mesh_formats")
+def test_node_sets_of_febio_are_ranges_too(tmp_path):
+    """Manual of FEBio 4, section Mesh: ranges have both ends, and a step."""
+    scene, output = febio(tmp_path, ">1,2,3,4<", ">1:4<", ">15,16,17,18<", ">15, 16:18:2, 17<")
+    assert "TODO" not in output and force(scene) == pytest.approx(150.0, rel=1e-9)

@@ -65,13 +65,14 @@ def feb(version="4.0"):
 
 
 def keywords(form="fixed", title=True):
-    """Fixed fields of 8, 10 and 16, long ones of 20, or words between commas; solids in one row or two."""
-    width = {"fixed": 8, "long": 20, "commas": 0}[form]
+    """Fixed fields of 8, 10 and 16, or 10 and 16, or 20, or words between commas; solids in one row or two."""
+    width = {"fixed": 8, "i10": 10, "long": 20, "commas": 0}[form]
+    option = {"long": " LONG=Y", "i10": " I10=Y"}.get(form, "")
 
     def row(words, wide=width):
         return joined(words, ",") if not width else "".join(f"{word!s:>{max(wide, width)}}" for word in words)
 
-    rows = ["$ a comment", "*KEYWORD" + (" LONG=Y" if form == "long" else ""), "*TITLE", "cubes", "*NODE"]
+    rows = ["$ a comment", f"*KEYWORD{option}", "*TITLE", "cubes", "*NODE"]
     for k, place in enumerate(POINTS, 1):
         rows += [row([k]) + ("" if width else ",") + row(place, 16)]
     rows += ["*PART", "LOWER", row([1, 1, 1], 10), "UPPER", row([2, 1, 1], 10), "*ELEMENT_SOLID"]
@@ -381,9 +382,31 @@ def test_sets_of_solids_parts_and_ranges_of_ls_dyna(tmp_path):
     found = hhr.MeshFile(written(tmp_path / "c.k", keywords("commas").replace("*SET_BEAM", more))).read()
     assert found.bodies["BOTH"].tolist() == [0, 1] and found.bodies["solids 6"].tolist() == [1]
     assert found.nodes["TOP"].tolist() == [12, 13, 14, 15]
+    solver = keywords().replace(f"{14:>10}\n", f"{14:>10}" + f"{0.0:>10}" * 4 + "MECH\n")
+    assert hhr.MeshFile(written(tmp_path / "e.k", solver)).read().nodes.keys() == {"LID"}
+    remark = keywords().replace("*ELEMENT_SOLID", "*ELEMENT_SOLID (ten nodes format)")
+    assert len(hhr.MeshFile(written(tmp_path / "f.k", remark)).read().cells) == 2
     early = "*SET_PART_LIST\n5\n1,2\n*PART"
     found = hhr.MeshFile(written(tmp_path / "d.k", keywords("commas").replace("*PART", early))).read()
     assert found.bodies["parts 5"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("form", ["long", "i10"])
+def test_widths_of_fields_of_ls_dyna(form, tmp_path):
+    """Manual of LS-DYNA, Getting Started: ``+``, ``%`` and ``-`` behind a keyword, or LONG=Y and I10=Y for all blocks.
+
+    I10 widens fields of 8 letters to 10; ``-`` is the standard format.
+    """
+    usual = hhr.MeshFile(written(tmp_path / "a.k", keywords())).read()
+    option, mark = {"long": (" LONG=Y", "+"), "i10": (" I10=Y", " %")}[form]
+    whole = keywords(form)
+    marked = re.sub(r"(?m)^(\*(NODE|ELEMENT\w+|PART|SET\w+))$", rf"\1{mark}", whole.replace(option, ""))
+    nodes = keywords().partition("*NODE\n")[2].partition("*PART")[0]
+    standard = f"{whole.partition('*NODE')[0]}*NODE-\n{nodes}*PART{whole.partition('*PART')[2]}"
+    for text in (whole, marked, standard):
+        found = hhr.MeshFile(written(tmp_path / "b.k", text)).read()
+        assert np.array_equal(found.points, usual.points) and np.array_equal(found.cells, usual.cells)
+        assert found.surfaces.keys() == usual.surfaces.keys() and found.nodes.keys() == usual.nodes.keys()
 
 
 @pytest.mark.parametrize("kind", ["C3D10", "C3D20R"])
@@ -439,6 +462,10 @@ WRONG = {
     "nodes.feb": (feb().replace("1, 2, 3, 4, 5", "1, 2, 3, 4"), r"line 24: an element of kind hexahedron has 7 nodes"),
     "id.feb": (feb().replace('<node id="3"', "<node"), r"line 8: there is no 'id'"),
     "word.k": (keywords("commas").replace("3,1.0,", "3,one,"), r"line 8: could not convert string to float: 'one'"),
+    "parameter.k": (
+        keywords("commas").replace("3,1.0,", "3,&side,"),
+        r"line 8: '&side' is a number of \*PARAMETER, which is not read: write the number there",
+    ),
     "nodes.k": (keywords("commas").replace("1,1,1,2,3", "1,1,1,2"), r"line 28: element 1 has 7 nodes"),
     "row.k": (keywords("commas").replace("2,2\n", "2,2\n*"), r"line 29: element 2 has no nodes"),
     "include.k": ("*KEYWORD\n*INCLUDE\nnone.k\n", "none.k"),
