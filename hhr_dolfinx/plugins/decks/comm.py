@@ -1,119 +1,28 @@
-"""Command files of code_aster, as far as they are literal: they are parsed, and nothing of them is executed."""
+"""Command files of code_aster, as far as they are literal: materials, supports, loads and contacts of a scene."""
 
 from __future__ import annotations
 
-import ast
-import operator
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.errors import FileContentError, SceneError
-from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support
-from hhr_dolfinx.plugins.decks.keywords import OUT, READ
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.decks.comm_commands import Command, commands_of, number
+from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS, HYPOTHESES
+from hhr_dolfinx.plugins.decks.comm_solver import computation_of
+from hhr_dolfinx.plugins.decks.comm_surcharge import Applied, bodies_of, covered_by, what_counts
+from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.inp_history import in_order
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, planes_of
 
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
-_HYPOTHESES = {"3D": "solid", "AXIS": "axisymmetric", "D_PLAN": "plane_strain", "C_PLAN": "plane_stress"}
-_NUMBERS = ("DX", "DY", "DZ", "PRES", "FX", "FY", "FZ", "GRAVITE")
+PLANE_MODELS = tuple(name for name, hypothesis in HYPOTHESES.items() if hypothesis != "solid")
+_NUMBERS = ("DX", "DY", "DZ", "PRES", "FX", "FY", "FZ")
 _COMPONENTS = ("DX", "DY", "DZ")
-
-
-@dataclass(frozen=True, eq=False)
-class Command:
-    """A command, or a factor ``_F``, with the literal arguments that are read, and TODO lines of all others."""
-
-    name: str
-    source: str
-    words: Mapping[str, object] = field(default_factory=dict)
-    unread: tuple[Left, ...] = ()
-
-    def factors(self, name: str) -> tuple[Command, ...]:
-        """One factor or several."""
-        found = self.words.get(name, ())
-        return tuple(one for one in (found if isinstance(found, tuple) else (found,)) if isinstance(one, Command))
-
-    def groups(self, *names: str) -> tuple[str, ...]:
-        """Names of groups."""
-        found = [self.words[name] for name in names if name in self.words]
-        every = [one for item in found for one in (item if isinstance(item, tuple) else (item,))]
-        return tuple(one for one in every if isinstance(one, str))
-
-    @property
-    def ends_at_one(self) -> bool:
-        """True for a function whose last value is 1."""
-        values = self.words.get("VALE")
-        return isinstance(values, tuple) and values[-1:] == (1,)
-
-    def left(self, why: str) -> Left:
-        """This command as one without counterpart."""
-        return Left(self.source, self.name, why)
-
-
-def commands_of(path: Path) -> Iterator[Command]:
-    """Commands of a file in their order; FileContentError for text that is no Python, with the line."""
-    try:
-        tree = ast.parse(path.read_text(errors="replace"))
-    except (SyntaxError, ValueError) as error:
-        raise FileContentError(f"{path.name}:{getattr(error, 'lineno', 0)} is no command file: {error}") from None
-    values: dict[str, object] = {}
-    for statement in tree.body:
-        value = _value(getattr(statement, "value", None), values, path.name)
-        value = admitted(value, value.name) if isinstance(value, Command) else value
-        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
-            values[statement.targets[0].id] = value
-        if isinstance(value, Command):
-            yield value
-        elif not isinstance(statement, ast.Assign | ast.Import | ast.ImportFrom | ast.Expr):
-            yield Command(type(statement).__name__, f"{path.name}:{statement.lineno}", {"": None})
-
-
-def admitted(command: Command, name: str) -> Command:
-    """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name reads."""
-    keyword = COMMANDS.get(name)
-    if keyword is None or keyword.rule.outcome != READ:
-        return command
-    words: dict[str, object] = {}
-    unread: list[Left] = []
-    for key, value in command.words.items():
-        rule = keyword.rule_of(key, value.upper() if isinstance(value, str) else "")
-        empty = isinstance(value, int | float) and not value  # a length or a rotation that is 0
-        if rule.why and not empty:
-            said = f"{key}={value}: {rule.why}" if isinstance(value, str | int | float) else f"{key}: {rule.why}"
-            unread.append(Left(command.source, name.replace("/", " "), said))
-        if rule.outcome == OUT:
-            return Command(command.name, command.source, {}, tuple(unread))
-        if rule.outcome == READ:
-            factors = [admitted(one, f"{name}/{key}") for one in command.factors(key) if one.name == "_F"]
-            unread += [left for one in factors for left in one.unread]
-            words[key] = tuple(one for one in factors if one.words) if factors else value
-    return Command(command.name, command.source, words, tuple(unread))
-
-
-def _value(node: ast.AST | None, values: Mapping[str, object], file: str) -> object:
-    """Value of a literal, of a sum or product of such, or of a command; None for anything else."""
-    match node:
-        case ast.Constant(value=value):
-            return value
-        case ast.Name(id=name):
-            return values.get(name)
-        case ast.UnaryOp(op=ast.USub(), operand=inner):
-            found = _value(inner, values, file)
-            return -found if isinstance(found, int | float) else None
-        case ast.BinOp(left=first, op=op, right=second) if type(op) in _OPERATORS:
-            a, b = (_value(one, values, file) for one in (first, second))
-            both = isinstance(a, int | float) and isinstance(b, int | float)
-            return _OPERATORS[type(op)](a, b) if both and not (isinstance(op, ast.Div) and b == 0) else None
-        case ast.Tuple(elts=items) | ast.List(elts=items):
-            return tuple(_value(one, values, file) for one in items)
-        case ast.Call(func=ast.Name(id=name), keywords=words):
-            found = {word.arg: _value(word.value, values, file) for word in words if word.arg}
-            return Command(name, f"{file}:{node.lineno}", found)
-    return None
+_IMPOSED = ("DDL_IMPO", "FACE_IMPO", "MECA_IMPO")
+_FORCES = ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR")
 
 
 def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
@@ -124,111 +33,153 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
         SceneError: for bodies without a literal elastic material.
     """
     commands = list(commands_of(path))
-    sections = [one for command in commands if command.name == "AFFE_MATERIAU" for one in _sections(command, parts)]
+    acting = computation_of(commands)
+    sections = [*_sections(acting.fields, parts)]
     if not sections:
         raise SceneError(f"{path.name} gives no body a literal material: DEFI_MATERIAU(ELAS=_F(E=..., NU=...))")
     planes, curved = planes_of(mesh)
-    made: list[Support | Load | Left] = []
-    for command in commands:
-        made += command.unread
-        if command.name in ("AFFE_CHAR_MECA", "AFFE_CHAR_CINE"):
-            for kind in command.words:
-                made += [i for one in command.factors(kind) for i in _loaded(kind, one, parts, sections, planes)]
-                made += [] if command.factors(kind) else [command.left(f"{kind} is not literal")]
-        elif command.name not in COMMANDS:
-            made.append(command.left("not read"))
-        for excited in command.factors("EXCIT"):
-            curve = excited.words.get("FONC_MULT")
-            if curve is not None and not (isinstance(curve, Command) and curve.ends_at_one):
-                made.append(command.left("a load is multiplied by a function that does not end at 1: it counts whole"))
-    contacts = [command for command in commands if command.name == "DEFI_CONTACT"]
-    paired = [one for command in contacts for one in _pairs(command, parts, planes, curved)]
+    left = [one for command in commands for one in command.unread]
+    left += [command.left("not read") for command in commands if command.name not in COMMANDS]
+    loaded: list[Applied | Load | Left] = []
+    for command, factor in acting.charges.items():
+        for kind in command.words:
+            for one in command.factors(kind):
+                loaded += _weight(one, factor, parts, sections) if kind == "PESANTEUR" else []
+                loaded += _loaded(command, kind, one, factor, parts, planes)
+    hypothesis = _hypothesis(acting.models, parts, left)
+    made = [*what_counts([one for one in loaded if isinstance(one, Applied)])]
+    made += [one for one in loaded if not isinstance(one, Applied)]
+    paired = [one for command in acting.contacts for one in _pairs(command, parts, planes, curved)]
     supports = tuple(one for one in made if isinstance(one, Support))
+    loads = [_of_rings(one) if hypothesis == "axisymmetric" else one for one in made if isinstance(one, Load)]
     pairs = tuple(one for one in paired if isinstance(one, Pair))
+    left += [*acting.left, *(one for one in (*made, *paired) if isinstance(one, Left))]
     return Deck(
         mesh,
-        _hypothesis(commands, parts),
+        hypothesis,
         tuple(sections),
         supports,
-        tuple(one for one in made if isinstance(one, Load)),
+        tuple(loads),
         pairs or parts.out_of_reach(supports),
-        tuple(one for one in (*made, *paired) if isinstance(one, Left)),
-        contact_lost=bool(contacts) and not pairs,
+        in_order(left),
+        contact_lost=bool(acting.contacts) and not pairs,
     )
 
 
-def _hypothesis(commands: Sequence[Command], parts: NamedParts) -> str:
-    """Hypothesis of the last model."""
-    hypothesis = "solid" if parts.raw.dim == 3 else "plane_strain"
-    for command in (one for one in commands if one.name == "AFFE_MODELE"):
-        kinds = [str(one.words.get("MODELISATION")) for one in command.factors("AFFE")]
-        hypothesis = next((_HYPOTHESES[kind] for kind in kinds if kind in _HYPOTHESES), hypothesis)
+def _hypothesis(models: Sequence[Command], parts: NamedParts, left: list[Left]) -> str:
+    """Hypothesis of the model; SceneError for a plane mesh without a model that is read."""
+    factors = [factor for command in models for factor in command.factors("AFFE")]
+    kinds = {HYPOTHESES.get(str(factor.words.get("MODELISATION")).upper()): factor for factor in factors}
+    known = {kind: factor for kind, factor in kinds.items() if kind is not None}
+    if not known and parts.raw.dim == 2:
+        source = f"{models[0].source} AFFE_MODELE" if models else "the command file"
+        raise SceneError(
+            f"{source} has no MODELISATION that is read, and a plane mesh needs one: {', '.join(PLANE_MODELS)}"
+        )
+    hypothesis = next(iter(known), "solid")
+    left += [one.left(f"all cells are {hypothesis}") for kind, one in known.items() if kind != hypothesis]
     return hypothesis
 
 
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _sections(command: Command, parts: NamedParts) -> Iterator[Section]:
-    for factor in command.factors("AFFE"):
+def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]:
+    """Bodies with their materials; SceneError for a factor without a body of the mesh or a literal elastic material."""
+    groups: dict[Command, list[Tag]] = {}
+    for factor in (one for command in fields for one in command.factors("AFFE")):
+        title = f"{factor.source} AFFE_MATERIAU"
+        names = factor.groups("GROUP_MA")
+        tags = [tag for tag in map(parts.body, names) if tag is not None]
+        if len(tags) < len(names):
+            raise SceneError(f"{title}: the mesh has no body of {names}")
+        if not names and ("GROUP_MA" in factor.words or factor.words.get("TOUT") != "OUI"):
+            raise SceneError(f"{title}: it has no literal GROUP_MA, nor TOUT='OUI'")
+        groups[factor] = [] if factor.words.get("TOUT") == "OUI" else tags
+    for tag, factor in bodies_of(parts, groups):
         given = factor.words.get("MATER")
         material = given[0] if isinstance(given, tuple) and given else given
         elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
         young, poisson, expansion, density = (
-            _number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
+            number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
         )
         if elastic is None or young is None or poisson is None:
-            raise SceneError(f"{factor.source} {command.name}: the material has no literal ELAS=_F(E=..., NU=...)")
+            raise SceneError(f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)")
         own = Material("ELAS", elastic.source, young, poisson, "", expansion, density)
-        names = factor.groups("GROUP_MA")
-        for tag in [parts.body(name) for name in names] if names else parts.apart():
-            if tag is None:
-                raise SceneError(f"{factor.source} {command.name}: the mesh has no body of {names}")
-            yield Section(tag, own, factor.source)
+        yield Section(tag, own, factor.source)
+
+
+def _weight(factor: Command, scale: float, parts: NamedParts, sections: Sequence[Section]) -> Iterator[Load | Left]:
+    """Weights of all bodies: DIRECTION has any length, and only its direction counts (U4.44.01, PESANTEUR)."""
+    direction = factor.numbers("DIRECTION")
+    gravity = factor.numbers("GRAVITE")
+    if factor.groups("GROUP_MA"):
+        yield factor.left("PESANTEUR of a group has no counterpart: hhr.BodyForce in loads")
+        return
+    if direction is None or gravity is None:
+        yield factor.left("PESANTEUR without a literal GRAVITE and DIRECTION has no counterpart")
+        return
+    if not any(direction):
+        yield factor.left("DIRECTION of PESANTEUR is zero, and no weight acts: give it a direction")
+        return
+    unit = tuple((np.array(direction) / np.linalg.norm(direction))[: parts.raw.dim].tolist())
+    for item in sections:
+        if item.material.density is None:
+            yield factor.left(f"PESANTEUR: the material of body '{item.tag}' has no RHO")
+        elif any(unit):
+            text = f"hhr.BodyForce({item.tag!r}, {unit}, {{}})"
+            yield Load("weight", text, scale * gravity[0] * item.material.density, factor.source)
 
 
 def _loaded(
-    kind: str, factor: Command, parts: NamedParts, sections: Sequence[Section], planes: Mapping[str, Plane]
-) -> Iterator[Support | Load | Left]:
+    command: Command, kind: str, factor: Command, scale: float, parts: NamedParts, planes: Mapping[str, Plane]
+) -> Iterator[Applied | Left]:
     """Supports or loads of a factor of AFFE_CHAR_MECA, and what is left of them; motions of rigid planes are noted."""
-    dim = parts.raw.dim
-    values = {name: _number(factor.words[name]) for name in _NUMBERS if name in factor.words}
-    own = {name: value for name, value in values.items() if value is not None}
-    lost = [name for name, value in values.items() if value is None]
-    if lost:
-        yield factor.left(f"{', '.join(lost)} of {kind} is not literal")
-    forces = [own.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
-    given = factor.groups("GROUP_MA", "GROUP_NO")
-    direction = factor.words.get("DIRECTION")
-    if kind == "PESANTEUR" and isinstance(direction, tuple) and None not in map(_number, direction) and not given:
-        for item in sections:
-            if item.material.density is not None:
-                text = f"hhr.BodyForce({item.tag!r}, {direction[:dim]}, {{}})"
-                yield Load("weight", text, own.get("GRAVITE", 0.0) * item.material.density, factor.source)
+    if kind == "PESANTEUR":
         return
+    dim = parts.raw.dim
+    values = {name: number(factor.words[name]) for name in _NUMBERS if name in factor.words}
+    own = {name: value * scale for name, value in values.items() if value is not None}
+    if lost := [name for name, value in values.items() if value is None and factor.words[name] is not None]:
+        yield factor.left(f"{', '.join(lost)} of {kind} is no number")
+    given = factor.groups("GROUP_MA", "GROUP_NO")
+    held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
+    imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else own
     for name in given:
         place = parts.place(name)
         surface = parts.surface(name)
-        held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
-        imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else own
-        if kind in ("DDL_IMPO", "FACE_IMPO", "MECA_IMPO") and place is None and name.upper() in planes:
+        if kind in _IMPOSED and place is None and name.upper() in planes:
             for k in range(dim):
                 planes[name.upper()][2][k] = imposed.get(_COMPONENTS[k], 0.0)
-        elif kind in ("DDL_IMPO", "FACE_IMPO", "MECA_IMPO") and place is not None:
-            components = [k for k in range(dim) if _COMPONENTS[k] in imposed]
-            yield from (Support(place, k, imposed[_COMPONENTS[k]], factor.source) for k in components)
-        elif kind == "PRES_REP" and surface is not None:
-            yield Load("pressure", f"hhr.Pressure({surface!r}, {{}})", own.get("PRES", 0.0), factor.source)
-        elif kind in ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR") and place is not None:
-            what = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
-            for k in np.flatnonzero(forces).tolist():
-                unit = tuple(np.eye(dim)[k].tolist())
-                yield Load("force", f"hhr.{what}({place!r}, {unit}, {{}})", forces[k], factor.source)
+        elif kind in _IMPOSED and place is not None:
+            nodes = covered_by(parts, place, of_facets=False)
+            for k, axis in enumerate(_COMPONENTS[:dim]):
+                if axis in imposed:
+                    support = Support(place, k, imposed[axis], factor.source)
+                    yield Applied(command, kind, factor, frozenset({axis}), nodes, (support,))
+        elif (kind == "PRES_REP" and surface is not None) or (kind in _FORCES and place is not None):
+            at = place if surface is None or kind == "FORCE_NODALE" else surface
+            assert at is not None  # a surface is a place
+            facets = covered_by(parts, at, of_facets=kind != "FORCE_NODALE")
+            loads = _loads(kind, own, at, dim, factor.source)
+            yield Applied(command, kind, factor, frozenset(own), facets, loads)
         else:
             yield factor.left(f"{kind} of '{name}' has no counterpart, or is not in the mesh")
     if not given:
         yield factor.left(f"{kind} without a group has no counterpart")
+
+
+def _loads(kind: str, own: Mapping[str, float], place: Tag, dim: int, source: str) -> tuple[Load, ...]:
+    """Pressure on a surface, or a force of each component on a place."""
+    if kind == "PRES_REP":
+        return (Load("pressure", f"hhr.Pressure({place!r}, {{}})", own["PRES"], source),) if "PRES" in own else ()
+    what = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
+    forces = [own.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
+    units = [tuple(np.eye(dim)[k].tolist()) for k in range(dim)]
+    texts = [f"hhr.{what}({place!r}, {unit}, {{}})" for unit in units]
+    return tuple(Load("force", text, value, source) for text, value in zip(texts, forces, strict=True) if value)
+
+
+def _of_rings(load: Load) -> Load:
+    """A force of a node on its whole ring: in axisymmetry code_aster has that of one radian."""
+    return replace(load, value=2 * np.pi * load.value) if load.text.startswith("hhr.NodalForce") else load
 
 
 def _pairs(
@@ -238,7 +189,7 @@ def _pairs(
     for zone in command.factors("ZONE"):
         names = [(*zone.groups(key), "")[0] for key in ("GROUP_MA_ESCL", "GROUP_MA_MAIT")]
         slave, master = surfaces = [parts.surface(name) for name in names]
-        friction = _number(zone.words.get("COULOMB", 0.0)) if command.words.get("FROTTEMENT") == "COULOMB" else 0.0
+        friction = number(zone.words.get("COULOMB", 0.0)) if command.words.get("FROTTEMENT") == "COULOMB" else 0.0
         if friction is None:
             yield zone.left("COULOMB is not literal, and the pair is frictionless: give it friction=")
         if slave is not None and master is not None:

@@ -55,6 +55,28 @@ _OF_ZONES = (
     "TOLE_APPA|TOLE_INTERP|INTEGRATION|ORDRE_INT|COEF_CONT|COEF_FROT|COEF_MATR_FROT|ADAPTATION|SEUIL_INIT|GRAND_GLIS|"
     "ALGO_CONT|ALGO_FROT|CONTACT_INIT=INTERPENETRE|CONTACT_INIT=NON|GLISSIERE=NON|RESOLUTION=OUI|VERIFICATION|GROUP_MA_FOND"
 )
+_OF_SOLVERS = "MODELE|CHAM_MATER|EXCIT|COMPORTEMENT"
+_IDLE_IN_SOLVERS = (
+    "INFO|TITRE|NEWTON|CONVERGENCE|SOLVEUR|ARCHIVAGE|RECH_LINEAIRE|METHODE|OPTION|CARA_ELEM|AFFICHAGE|MESURE|ENERGIE|"
+    "OBSERVATION|SUIVI_DDL"
+)
+_FROM_REST = {
+    "ETAT_INIT": "bodies begin at rest without stress",
+    "PILOTAGE": "loads reach the values of the file: no path is followed beyond a limit load",
+    "reuse": "it goes on from the states of an earlier command: here one step from rest leads to the loads",
+}
+_TURNS_OF_FACETS = "ORIE_PEAU|ORIE_PEAU_2D|ORIE_PEAU_3D|ORIE_NORM_COQUE|ORIE_FISSURE|ORIE_SHB|ORIE_LIGNE"
+HYPOTHESES: Mapping[str, str] = {
+    f"{name}{selective}": hypothesis
+    for name, hypothesis in (
+        ("3D", "solid"),
+        ("AXIS", "axisymmetric"),
+        ("D_PLAN", "plane_strain"),
+        ("C_PLAN", "plane_stress"),
+    )
+    for selective in ("", "_SI")
+}
+"""Hypotheses of models by their names; ``_SI`` only integrates the stiffness at fewer points."""
 COMMANDS: Mapping[str, Keyword] = {
     "DEFI_MATERIAU": Keyword(Rule(READ), {"ELAS": Rule(READ), "INFO": Rule(IDLE), "*": Rule(LEFT, _LAW)}),
     "DEFI_MATERIAU/ELAS": read_options("E|NU|ALPHA|RHO"),
@@ -63,9 +85,27 @@ COMMANDS: Mapping[str, Keyword] = {
         AFFE_VARC="no counterpart: hhr.ThermalExpansion in loads has a temperature",
         AFFE_COMPOR=_LAW,
     ),
-    "AFFE_MATERIAU/AFFE": read_options("GROUP_MA|MATER", "TOUT"),
+    "AFFE_MATERIAU/AFFE": read_options("GROUP_MA|MATER|TOUT"),
     "AFFE_MODELE": read_options("AFFE", _MESH),
-    "AFFE_MODELE/AFFE": read_options("MODELISATION", "GROUP_MA|TOUT|PHENOMENE"),
+    "AFFE_MODELE/AFFE": _left(
+        read_options("|".join(f"MODELISATION={name}" for name in HYPOTHESES), "GROUP_MA|TOUT|PHENOMENE"),
+        **{"MODELISATION=*": "no counterpart: cells are solids, axisymmetric, or of plane strain or stress"},
+    ),
+    "MODI_MAILLAGE": Keyword(
+        Rule(READ),
+        {
+            **{name: Rule(IDLE) for name in f"{_MESH}|reuse|{_TURNS_OF_FACETS}".split("|")},
+            "*": Rule(LEFT, "it changes the mesh, and here the mesh is that of its file: give the changed one, --mesh"),
+        },
+    ),
+    "DEFI_FONCTION": read_options(
+        "NOM_PARA|VALE|ABSCISSE|ORDONNEE|INTERPOL|PROL_DROITE|PROL_GAUCHE", "NOM_RESU|VERIF|INFO|TITRE"
+    ),
+    "DEFI_CONSTANTE": read_options("VALE", "NOM_RESU|INFO|TITRE"),
+    "DEFI_LIST_REEL": read_options("DEBUT|VALE|INTERVALLE", "INFO|TITRE"),
+    "DEFI_LIST_REEL/INTERVALLE": read_options("JUSQU_A", "NOMBRE|PAS"),
+    "DEFI_LIST_INST": read_options("DEFI_LIST", "ECHEC|ADAPTATION|METHODE|INFO|TITRE"),
+    "DEFI_LIST_INST/DEFI_LIST": read_options("LIST_INST|VALE", "METHODE|PAS_MINI|PAS_MAXI|NB_PAS_MAXI"),
     **dict.fromkeys(("AFFE_CHAR_MECA", "AFFE_CHAR_CINE"), _LOADS),
     **{f"{name}/{kind}": one for name in ("AFFE_CHAR_MECA", "AFFE_CHAR_CINE") for kind, one in _FACTORS.items()},
     "DEFI_CONTACT": out_options(
@@ -96,23 +136,13 @@ COMMANDS: Mapping[str, Keyword] = {
         ),
         {"RESOLUTION=NON": "it only watches for overlaps: hhr check says where bodies overlap"},
     ),
-    **dict.fromkeys(
-        ("MECA_STATIQUE", "STAT_NON_LINE"),
-        _left(
-            read_options(
-                "EXCIT|COMPORTEMENT",
-                f"{_MESH}|CHAM_MATER|CONTACT|LIST_INST|INCREMENT|NEWTON|CONVERGENCE|SOLVEUR|ARCHIVAGE|INST|INST_FIN|"
-                "RECH_LINEAIRE|METHODE|OPTION|CARA_ELEM|AFFICHAGE|MESURE|ENERGIE|OBSERVATION|SUIVI_DDL",
-            ),
-            ETAT_INIT="bodies begin at rest without stress",
-            PILOTAGE="loads reach the values of the file: no path is followed beyond a limit load",
-            reuse="it goes on from the states of an earlier command: here one step from rest leads to the loads",
-        ),
-    ),
+    "MECA_STATIQUE": _left(read_options(f"{_OF_SOLVERS}|INST|LIST_INST|INST_FIN", _IDLE_IN_SOLVERS), **_FROM_REST),
+    "STAT_NON_LINE": _left(read_options(f"{_OF_SOLVERS}|CONTACT|INCREMENT", _IDLE_IN_SOLVERS), **_FROM_REST),
+    "STAT_NON_LINE/INCREMENT": read_options("LIST_INST|INST_FIN", "INST_INIT|NUME_INST_INIT|PRECISION|CRITERE"),
     **dict.fromkeys(
         ("MECA_STATIQUE/EXCIT", "STAT_NON_LINE/EXCIT"),
         _left(
-            read_options("FONC_MULT", "CHARGE|TYPE_CHARGE=FIXE_CSTE"),
+            read_options("CHARGE|FONC_MULT|COEF_MULT", "TYPE_CHARGE=FIXE_CSTE"),
             **{"TYPE_CHARGE=*": "loads keep their directions, and act from rest"},
         ),
     ),
@@ -123,8 +153,8 @@ COMMANDS: Mapping[str, Keyword] = {
     **{
         name: Keyword(Rule(IDLE))
         for name in (
-            "DEBUT POURSUITE FIN LIRE_MAILLAGE MODI_MAILLAGE DEFI_LIST_REEL DEFI_LIST_INST DEFI_FONCTION CALC_CHAMP "
-            "IMPR_RESU IMPR_TABLE POST_RELEVE_T TEST_RESU TEST_TABLE DEFI_GROUP CREA_TABLE DEFI_FICHIER DETRUIRE"
+            "DEBUT POURSUITE FIN LIRE_MAILLAGE CALC_CHAMP IMPR_RESU "
+            "IMPR_TABLE POST_RELEVE_T TEST_RESU TEST_TABLE DEFI_GROUP CREA_TABLE DEFI_FICHIER DETRUIRE"
         ).split()
     },
 }

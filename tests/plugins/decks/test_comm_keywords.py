@@ -10,8 +10,8 @@ import pytest
 from deck_texts import blocks
 from recorded import Recorded
 
-from hhr_dolfinx.plugins.decks import comm
-from hhr_dolfinx.plugins.decks.comm import commands_of
+from hhr_dolfinx.plugins.decks import comm_commands
+from hhr_dolfinx.plugins.decks.comm_commands import commands_of
 from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS
 from hhr_dolfinx.plugins.decks.commands import deck_of
 from hhr_dolfinx.plugins.decks.keywords import LEFT, OUT, READ, rows_of_docs
@@ -34,8 +34,15 @@ held = {kind}(
 )
 touch = DEFI_CONTACT(FROTTEMENT="COULOMB",
                      ZONE=_F(GROUP_MA_MAIT="LOWER_TOP", GROUP_MA_ESCL="UPPER_BOTTOM", COULOMB=0.3))
-rise = DEFI_FONCTION(NOM_PARA="INST", VALE=(0.0, 0.0, 1.0, 1.0))
-{solver}(EXCIT=_F(CHARGE=held, FONC_MULT=rise), COMPORTEMENT=_F(RELATION="ELAS"))
+rise = DEFI_FONCTION(NOM_PARA="INST", INTERPOL="LIN", VALE=(0.0, 0.0, 1.0, 1.0),
+                     PROL_DROITE="CONSTANT", PROL_GAUCHE="CONSTANT")
+twice = DEFI_FONCTION(NOM_PARA="INST", ABSCISSE=(0.0, 1.0), ORDONNEE=(2.0, 2.0), PROL_DROITE="CONSTANT")
+whole = DEFI_CONSTANTE(VALE=1.0)
+times = DEFI_LIST_REEL(DEBUT=0.0, INTERVALLE=_F(JUSQU_A=2.0, NOMBRE=4))
+some = DEFI_LIST_REEL(DEBUT=0.0)
+steps = DEFI_LIST_INST(DEFI_LIST={steps})
+{solver}(MODELE=model, CHAM_MATER=fields, COMPORTEMENT=_F(RELATION="ELAS"), {end},
+         EXCIT=(_F(CHARGE=held, FONC_MULT=rise, COEF_MULT=1.0), _F(CHARGE=held, FONC_MULT={curve})))
 """
 ROWS = [(name, key, rule) for name, one in COMMANDS.items() for key, rule in one.options.items()]
 
@@ -70,22 +77,29 @@ def test_a_keyword_that_nobody_knows_is_named(name, tmp_path):
 
 
 def test_keywords_that_are_read_are_looked_up(tmp_path, monkeypatch):
-    """A file with all of them, in which readers note what they ask for."""
+    """Files with all of them, in which readers note what they ask for."""
     asked = set()
-    plain = comm.admitted
+    plain = comm_commands.admitted
 
     def recorded(command, name):
         found = plain(command, name)
         return replace(found, words=Recorded(found.words, name, asked))
 
-    monkeypatch.setattr(comm, "admitted", recorded)
+    monkeypatch.setattr(comm_commands, "admitted", recorded)
     text = blocks("")
     (tmp_path / "run.inp").write_text(text[: text.index("*MATERIAL")])
-    for kind, solver in (("AFFE_CHAR_MECA", "STAT_NON_LINE"), ("AFFE_CHAR_CINE", "MECA_STATIQUE")):
-        words = ALL.replace("{kind}", kind).replace("{solver}", solver)
-        (tmp_path / "run.comm").write_text(
-            words if solver == "STAT_NON_LINE" else words.replace(", COMPORTEMENT", ", A")
-        )
+    of_steps = "CONTACT=touch, INCREMENT=_F(LIST_INST={}{})"
+    for kind, solver, end, steps, curve in (
+        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ""), "_F(LIST_INST=times)", "twice"),
+        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ", INST_FIN=1.0"), "_F(VALE=(0.0, 1.0))", "whole"),
+        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ""), "_F(VALE=(0.0, 1.0))", "twice"),
+        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("some", ""), "_F(VALE=(0.0, 1.0))", "twice"),
+        ("AFFE_CHAR_CINE", "MECA_STATIQUE", "INST_FIN=1.0, LIST_INST=times", "None", "whole"),
+        ("AFFE_CHAR_CINE", "MECA_STATIQUE", "INST=1.0", "None", "whole"),
+        ("AFFE_CHAR_CINE", "MECA_STATIQUE", "LIST_INST=times", "None", "whole"),
+    ):
+        words = ALL.replace("{kind}", kind).replace("{solver}", solver).replace("{end}", end)
+        (tmp_path / "run.comm").write_text(words.replace("{steps}", steps).replace("{curve}", curve))
         deck_of(tmp_path / "run.comm")
     read = {(name, key.partition("=")[0]) for name, key, rule in ROWS if rule.outcome == READ}
     # behaviour is only looked at by the table: there is one law that is read
