@@ -32,7 +32,8 @@ class Curve:
 
     def at(self, time: float) -> float | None:
         """Value at a time; None for an interpolation that is not read, and on a jump."""
-        t, f = self.times, self.values
+        t = self.times
+        f = self.values
         if len(t) == 1:
             return f[0]
         for k in (0, -1):
@@ -66,7 +67,8 @@ class Curve:
 
     def _outside(self, time: float) -> float | None:
         """Value before the first or after the last point."""
-        t, f = self.times, self.values
+        t = self.times
+        f = self.values
         before = time < t[0]
         end = 0 if before else -1
         period = t[-1] - t[0]
