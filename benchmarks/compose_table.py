@@ -166,7 +166,8 @@ A capability with a neutral value, such as friction 0, changes outputs by {large
 
 
 def page(rows: Rows, names: list[str]) -> str:
-    """The page of a report."""
+    """The page of a report, without rows of capabilities that are no longer there."""
+    rows = [row for row in rows if set(row["capabilities"]) <= set(names)]
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
     said = []
     for item in refusals(rows):
