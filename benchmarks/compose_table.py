@@ -127,8 +127,8 @@ def faults(rows: Rows) -> list[str]:
 
 ABOUT = """# What composes
 
-Made by `benchmarks/compose.py`, by `make compose`: {names} capabilities, alone and in {pairs}
-of {every} pairs, which are drawn at random; {rows} answers of verbs. A composition is a small scene
+Made by `benchmarks/compose.py`: {names} capabilities, alone and in {pairs} of {every} pairs,
+which are drawn at random; {rows} answers of verbs. A composition is a small scene
 of two blocks with these capabilities, whose contact opens and closes along a load path. Each small
 model is compared with the full one, gradients with differences, pages in node and C headers in a
 compiler with Python.
@@ -166,7 +166,8 @@ A capability with a neutral value, such as friction 0, changes outputs by {large
 
 
 def page(rows: Rows, names: list[str]) -> str:
-    """The page of a report."""
+    """The page of a report, without rows of capabilities that are no longer there."""
+    rows = [row for row in rows if set(row["capabilities"]) <= set(names)]
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
     said = []
     for item in refusals(rows):

@@ -9,5 +9,5 @@ PLUGIN = Plugin(
     public=_OUTPUTS,
     parts={"outputs": _OUTPUTS},
     classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises"},
-    switches={"hhr_dolfinx.plugins.stress.switches": "stress_outputs"},
+    switches={"hhr_dolfinx.plugins.stress.switches": "energy von_mises"},
 )
