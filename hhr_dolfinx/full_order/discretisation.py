@@ -176,6 +176,7 @@ class Discretisation(DiscreteSpace):
         scene = self.scene
         prolongation = eliminated.prolongation
         lifts = prolongation.lifts
+        rows, pairs, opened = eliminated.joined(prolongation, rows, pairs, opened)
         gaps = _gaps(rows, opened, lifts)
         acting = replace(rows, matrix=prolongation.rows(rows.matrix))
         kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, prolongation.free)

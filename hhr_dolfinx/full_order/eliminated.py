@@ -32,9 +32,12 @@ class Eliminated:
     Attributes:
         prolongation: that of its constraints, without lifts.
         terms: lifts of the values of equations.
+        joined: function of a prolongation and :data:`Conditions`, with openings, that leaves out those at nodes which
+            constraints join to the other surface.
         merged: function of a prolongation and :data:`Conditions` that leaves out conditions which others repeat for V.
     """
 
     prolongation: Prolongation
     terms: Sequence[Term] = ()
+    joined: Callable[..., Conditions] = all_of_them
     merged: Callable[..., Conditions] = all_of_them

@@ -24,6 +24,7 @@ from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.loads import Assembler, Term, Terms
 from hhr_dolfinx.plugins.constraints.loose_equations import chosen
 from hhr_dolfinx.plugins.constraints.repeated import without_repeated
+from hhr_dolfinx.plugins.constraints.tied_nodes import without_tied
 from hhr_dolfinx.scene import Scene
 
 SINGULAR = 1e-10
@@ -118,7 +119,8 @@ def eliminated(
     coupling = csr_matrix(follows + diags((~own).astype(float)))
     no_lifts = csc_matrix((free.size, 0))
     prolongation = Prolongation(free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own))
-    return Eliminated(prolongation, terms, partial(without_repeated, middle))
+    joined = partial(without_tied, scene, cell_nodes)
+    return Eliminated(prolongation, terms, joined, partial(without_repeated, middle))
 
 
 def _shares(given: Equations, size: int) -> csr_matrix:
