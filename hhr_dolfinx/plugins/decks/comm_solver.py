@@ -112,14 +112,15 @@ def _points(curve: Command) -> tuple[np.ndarray, np.ndarray] | None:
     if curve.name != "DEFI_FONCTION" or curve.words.get("NOM_PARA") != "INST" or not linear:
         return None
     if (values := curve.numbers("VALE")) is not None:
-        x, y = values[::2], values[1::2]
+        x = values[::2]
+        y = values[1::2]
     else:
         x, y = (curve.numbers(name) or () for name in ("ABSCISSE", "ORDONNEE"))
     if not x or len(x) != len(y):
         return None
     order = np.argsort(x, kind="stable")
-    times, factors = np.array(x)[order], np.array(y)[order]
-    return (times, factors) if (np.diff(times) > 0).all() else None
+    times = np.array(x)[order]
+    return (times, np.array(y)[order]) if (np.diff(times) > 0).all() else None
 
 
 def _end(solver: Command) -> float | None:
