@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.decks.bodies import bodies_of
 from hhr_dolfinx.plugins.decks.comm_commands import Command, commands_of, number
 from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS, HYPOTHESES
 from hhr_dolfinx.plugins.decks.comm_solver import computation_of
-from hhr_dolfinx.plugins.decks.comm_surcharge import Applied, bodies_of, covered_by, what_counts
+from hhr_dolfinx.plugins.decks.comm_surcharge import Applied, covered_by, what_counts
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.inp_history import in_order
 from hhr_dolfinx.plugins.decks.named import NamedParts
@@ -83,7 +84,7 @@ def _hypothesis(models: Sequence[Command], parts: NamedParts, left: list[Left]) 
 
 def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]:
     """Bodies with their materials; SceneError for a factor without a body of the mesh or a literal elastic material."""
-    groups: dict[Command, list[Tag]] = {}
+    groups: dict[Command, list[Tag] | None] = {}
     for factor in (one for command in fields for one in command.factors("AFFE")):
         title = f"{factor.source} AFFE_MATERIAU"
         names = factor.groups("GROUP_MA")
@@ -92,18 +93,25 @@ def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]
             raise SceneError(f"{title}: the mesh has no body of {names}")
         if not names and ("GROUP_MA" in factor.words or factor.words.get("TOUT") != "OUI"):
             raise SceneError(f"{title}: it has no literal GROUP_MA, nor TOUT='OUI'")
-        groups[factor] = [] if factor.words.get("TOUT") == "OUI" else tags
-    for tag, factor in bodies_of(parts, groups):
-        given = factor.words.get("MATER")
-        material = given[0] if isinstance(given, tuple) and given else given
-        elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
-        young, poisson, expansion, density = (
-            number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
-        )
-        if elastic is None or young is None or poisson is None:
-            raise SceneError(f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)")
-        own = Material("ELAS", elastic.source, young, poisson, "", expansion, density)
-        yield Section(tag, own, factor.source)
+        groups[factor] = None if factor.words.get("TOUT") == "OUI" else tags
+    titles = [f"{factor.source} AFFE_MATERIAU" for factor in groups]
+    for factor, tags in zip(groups, bodies_of(parts, [*groups.values()], titles), strict=True):
+        if tags:
+            material = _material(factor)
+            yield from (Section(tag, material, factor.source) for tag in tags)
+
+
+def _material(factor: Command) -> Material:
+    """Elastic material of a factor of AFFE_MATERIAU; SceneError for one that is not literal."""
+    given = factor.words.get("MATER")
+    material = given[0] if isinstance(given, tuple) and given else given
+    elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
+    young, poisson, expansion, density = (
+        number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
+    )
+    if elastic is None or young is None or poisson is None:
+        raise SceneError(f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)")
+    return Material("ELAS", elastic.source, young, poisson, "", expansion, density)
 
 
 def _weight(factor: Command, scale: float, parts: NamedParts, sections: Sequence[Section]) -> Iterator[Load | Left]:
@@ -142,6 +150,8 @@ def _loaded(
     given = factor.groups("GROUP_MA", "GROUP_NO")
     held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
     imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else own
+    if held and any(own.values()):
+        yield factor.left(f"{kind}: it holds the group and moves it too, and here it is held")
     for name in given:
         place = parts.place(name)
         surface = parts.surface(name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS
 from hhr_dolfinx.plugins.decks.deck import Left
 from hhr_dolfinx.plugins.decks.keywords import OUT, READ
 
-_OPERATORS = {
+_OPERATORS: Mapping[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: lambda a, b: float(a) ** b,  # of integers it might never end
 }
-_SIGNS = {ast.USub: operator.neg, ast.UAdd: operator.pos}
+_SIGNS: Mapping[type[ast.unaryop], Callable[[float], float]] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
 _SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 
 

@@ -119,8 +119,8 @@ def _points(curve: Command) -> tuple[np.ndarray, np.ndarray] | None:
     if not x or len(x) != len(y):
         return None
     order = np.argsort(x, kind="stable")
-    times, factors = np.array(x)[order], np.array(y)[order]
-    return (times, factors) if (np.diff(times) > 0).all() else None
+    times = np.array(x)[order]
+    return (times, np.array(y)[order]) if (np.diff(times) > 0).all() else None
 
 
 def _end(solver: Command) -> float | None:

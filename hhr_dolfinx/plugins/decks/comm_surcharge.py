@@ -5,12 +5,11 @@ Loads of different commands add up.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.decks.comm_commands import Command
 from hhr_dolfinx.plugins.decks.deck import Left, Load, Support, Tag
 from hhr_dolfinx.plugins.decks.named import NamedParts
@@ -72,41 +71,3 @@ def covered_by(parts: NamedParts, place: Tag, of_facets: bool) -> frozenset[int 
     if of_facets and place in parts.surfaces:
         return frozenset(tuple(row) for row in np.sort(parts.surfaces[place], axis=1).tolist())
     return frozenset(parts.nodes(place).tolist())
-
-
-def bodies_of(parts: NamedParts, groups: Mapping[Command, Sequence[Tag]]) -> Iterator[tuple[Tag, Command]]:
-    """Bodies without common cells, each with the last factor that has its cells.
-
-    Args:
-        parts: names of the mesh.
-        groups: bodies of each factor in the order of the file; none for a factor that has all cells.
-
-    Raises:
-        SceneError: for cells of a factor that belong to no body of its own.
-    """
-    bodies = parts.raw.bodies
-    owner = np.full(len(parts.raw.cells), -1)
-    for number, tags in enumerate(groups.values()):
-        for rows in [bodies[tag] for tag in tags] or [np.arange(len(owner))]:
-            owner[rows] = number
-    by_size = sorted(bodies, key=lambda tag: (isinstance(tag, int), -len(bodies[tag])))
-    for number, (factor, tags) in enumerate(groups.items()):
-        chosen = _partition(bodies, [*tags, *parts.apart()], owner == number)
-        chosen = chosen if chosen is not None else _partition(bodies, [*tags, *by_size], owner == number)
-        if chosen is None:
-            raise SceneError(
-                f"{factor.source} AFFE_MATERIAU: a later group replaces the material of a part of its cells, and no "
-                "group holds the others: name one in the mesh"
-            )
-        yield from ((tag, factor) for tag in chosen)
-
-
-def _partition(bodies: Mapping[Tag, np.ndarray], tags: Sequence[Tag], free: np.ndarray) -> list[Tag] | None:
-    """The first bodies of a list that have only free cells and none in common; None if free cells remain."""
-    free = free.copy()
-    chosen = []
-    for tag in tags:
-        if len(bodies[tag]) and free[bodies[tag]].all():
-            free[bodies[tag]] = False
-            chosen.append(tag)
-    return None if free.any() else chosen

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.decks.bodies import bodies_of
 from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
@@ -190,21 +191,18 @@ def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -
 def _sections(
     found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, hypothesis: str, left: list[Left]
 ) -> tuple[list[Section], float]:
-    """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material or given twice."""
+    """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material."""
     sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
-    for block in of_kind(found, "SOLID SECTION"):
+    for block, tags in _counting(found, parts, left):
         name = block.option("MATERIAL")
-        tags = _bodies_of(found, block, parts)
         if not tags:
             left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
             continue
         if name.upper() not in materials:
             raise SceneError(f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu")
         for tag in tags:
-            if not free[parts.raw.bodies[tag]].all():
-                raise SceneError(f"{block.source} *SOLID SECTION: cells of '{tag}' are in another section too")
             free[parts.raw.bodies[tag]] = False
             sections.append(Section(tag, materials[name.upper()], block.source))
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
@@ -227,6 +225,17 @@ def _sections(
     if free.any():
         left.append(Left(sections[-1].source, "*SOLID SECTION", f"{int(free.sum())} cells belong to no section"))
     return sections, thickness
+
+
+def _counting(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> Iterator[tuple[Block, list[Tag]]]:
+    """Sections with their bodies: of several for one cell the last counts, as in CalculiX 2.20, and others are left."""
+    sections = [(block, _bodies_of(found, block, parts)) for block in of_kind(found, "SOLID SECTION")]
+    titles = [f"{block.source} *SOLID SECTION" for block, _ in sections]
+    for (block, tags), kept in zip(sections, bodies_of(parts, [tags for _, tags in sections], titles), strict=True):
+        if {*tags} - {*kept}:
+            left.append(block.left("later sections count for cells of it"))
+        if kept or not tags:
+            yield block, kept
 
 
 def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> list[Tag]:

@@ -51,11 +51,7 @@ def pairs_of(
                 pair = replace(pair, gap=gap, overwrites=True)
             used |= {clearance.source} if clearance is not None else set()
             pairs.append(replace(pair, limit=friction.limit))
-    left += [
-        one.left("no pair has this slave and master: hhr.Opening(CONTACT, VALUE, overwrites=True) in openings")
-        for one in cleared
-        if one.source not in used
-    ]
+    left += [one.left(_unused(one, cleared)) for one in cleared if one.source not in used]
     return tuple(pairs)
 
 
@@ -90,6 +86,15 @@ def _pair(
         return Pair(text, friction, block.source, motion=tuple(motion.tolist()), origin=tool.origin)
     left.append(block.left(f"'{lost}' is no surface with facets of the mesh, nor a rigid surface that is read"))
     return None
+
+
+def _unused(clearance: Block, cleared: Sequence[Block]) -> str:
+    """Reason why a *CLEARANCE has no effect: CalculiX 2.20 takes the last one of a pair."""
+    later = [one for one in cleared if one.line > clearance.line]
+    same = [one for one in later if all(one.word(key) == clearance.word(key) for key in ("SLAVE", "MASTER", "CPSET"))]
+    if same:
+        return f"the one of {same[-1].source} on the same pair counts"
+    return "no pair has this slave and master: hhr.Opening(CONTACT, VALUE, overwrites=True) in openings"
 
 
 def _clears(clearance: Block, pair: Block, names: Sequence[str]) -> bool:

@@ -54,6 +54,17 @@ def _unit(component: int, dim: int) -> tuple[float, ...]:
     return tuple(np.eye(dim)[component].tolist())
 
 
+def _direction(words: Sequence[float], dim: int) -> tuple[float, ...] | str:
+    """Unit vector of a direction of any length in space, (dim,), or the reason why there is none.
+
+    CalculiX 2.20 takes (0, 0, -2) of GRAV as (0, 0, -1).
+    """
+    vector = np.array(words[:3])
+    if not vector[:dim].any():
+        return "its direction is zero, and it does not act: give it one"
+    return tuple((vector / np.linalg.norm(vector))[:dim].tolist())
+
+
 def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[Load]:
     """Forces of a block: a load for each set and component, or one load for many of them."""
     if len(forces) <= MANY:
@@ -78,8 +89,10 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
         if surface is None:
             return f"'{item.row[0]}' is no surface of the mesh"
         if label == "TRVEC":
-            unit = np.array(more[:dim]) / (np.linalg.norm(more[:dim]) or 1.0)
-            return [Load("traction", f"hhr.Traction({surface!r}, {tuple(unit.tolist())}, {{}})", value, source)]
+            unit = _direction(more, dim)
+            if isinstance(unit, str):
+                return unit
+            return [Load("traction", f"hhr.Traction({surface!r}, {unit}, {{}})", value, source)]
         return [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
     tags = parts.bodies_in(item.row[0], bodies)
     known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
@@ -87,12 +100,15 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
         return f"'{item.row[0]}' holds no whole body" if known else f"no counterpart: load {label}"
     if label == "CENTRIF" and dim == 2 and any(part for k, part in enumerate(more[3:6]) if k != axis):
         return f"in two dimensions bodies rotate about the axis {'xyz'[axis]}"
+    along = _direction(more, dim) if label == "GRAV" else ()
+    if isinstance(along, str):
+        return along
     loads = []
     for tag in tags:
         density = 1.0 if label[0] == "B" else bodies[tag].density
         if density is None:
             return f"the material of body '{tag}' has no *DENSITY"
-        text = f"hhr.BodyForce({tag!r}, {tuple(more[:dim])}, {{}})"
+        text = f"hhr.BodyForce({tag!r}, {along}, {{}})"
         if label == "CENTRIF":
             text = f"hhr.Centrifugal({tag!r}, {{}}, {tuple(more[:dim])}{f', {tuple(more[3:6])}' if dim == 3 else ''})"
         elif label[0] == "B":

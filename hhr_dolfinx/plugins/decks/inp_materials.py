@@ -47,13 +47,18 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
     if creep is not None:
         curve = curve if any(stress for stress, _ in curve) else []
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
-        kind = creep.word("LAW") or "STRAIN"
+        kind = creep.word("LAW") or "NORTON"
         if factor > 0 and exponent >= 1 and -1 < power <= 0:
             # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
             resistance = (factor / (power + 1)) ** (-1 / exponent)
             if not curve:
-                norton = f"hhr.Norton({resistance!r}, {exponent!r})"
-                return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})" if power else norton
+                if not power:
+                    return f"hhr.Norton({resistance!r}, {exponent!r})"
+                if kind != "STRAIN":
+                    left.append(
+                        creep.left(f"LAW={kind}: it slows with the strain here, which is the same at constant stress")
+                    )
+                return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})"
             if not power and len(curve) < 3:
                 slope = (curve[-1][0] - curve[0][0]) / (curve[-1][1] or 1.0)
                 return f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, {exponent!r})"

@@ -108,7 +108,7 @@ _OF_MATERIALS = {
         {"HARDENING=*": "its hardening is not read, and the body stays elastic: give it a law"},
     ),
     "CREEP": out_options(
-        left_options(read_options("", "LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
+        left_options(read_options("LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
         {"LAW=*": "its law has no counterpart, and the body does not creep: give it a law in the scene"},
     ),
     "EXPANSION": out_options(

@@ -381,6 +381,13 @@ def test_two_models_are_left(tmp_path):
 
 
 def test_a_force_on_a_ring_is_that_of_a_radian(tmp_path):
-    """FORCE_NODALE of -1 per radian at a rim: contact bears 2 pi. U4.44.01 of code_aster, and equilibrium."""
+    """FORCE_NODALE in axisymmetry is per radian, U4.44.01 of code_aster; hhr.NodalForce is that of the whole ring."""
+    path = written(tmp_path, PLANE, text=IN_PLANE, model="'AXIS'", push=RING)
+    assert value_of_load(path) == pytest.approx(-2 * np.pi, rel=1e-15)
+    assert value_of_load(written(tmp_path, PLANE, text=IN_PLANE, model="'D_PLAN'", push=RING)) == -1.0
+
+
+def test_contact_bears_the_force_on_a_ring(tmp_path):
+    """A force of -1 per radian at a rim is -2 pi by equilibrium."""
     path = written(tmp_path, PLANE, text=IN_PLANE, model="'AXIS'", push=RING)
     assert force(path) == pytest.approx(2 * np.pi, rel=1e-8)

@@ -145,6 +145,79 @@ def test_a_clearance_overwrites_the_drawn_gap(drawn, value, moved, pressure, tmp
     assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(pressure, rel=1e-3)  # of its penalty
 
 
+CLEARANCES = "\n".join(f"*CLEARANCE, SLAVE=UPPER_BOTTOM, MASTER=LOWER_TOP, VALUE={value}" for value in (0.015, 0.005))
+
+
+def cleared_twice():
+    lid = "*BOUNDARY\nUPPER_Z1, 3, 3, -0.02"
+    return blocks(lid, gap=0.01, before=CLEARANCES, interaction=STIFF, kind="SURFACE TO SURFACE")
+
+
+def test_the_last_clearance_of_a_pair_is_read(tmp_path):
+    """The owner of which counts is CalculiX, see the next test. The line of the first one says so."""
+    scene, output = started(tmp_path, cleared_twice())
+    assert output.count("*CLEARANCE") == 1 and "*CLEARANCE: the one of deck.inp:" in output
+    assert scene.parameters.names == ("displacement", "gap")
+    np.testing.assert_allclose(scene.parameters.middle, (-0.02, 0.005), rtol=1e-12)
+
+
+def test_the_last_clearance_of_a_pair_counts(tmp_path):
+    """p = E (motion - last value) / 2 = 7.5, also in CalculiX."""
+    scene, _ = started(tmp_path, cleared_twice())
+    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(7.5, rel=1e-8)
+    assert by_calculix(tmp_path, cleared_twice(), "LOWER_Z0")[2] == pytest.approx(7.5, rel=1e-3)  # of its penalty
+
+
+@pytest.mark.parametrize("again", ["UPPER", "BOTH"])
+def test_the_last_section_of_a_cell_counts(again, tmp_path):
+    """Cubes of 1000 and 500 in series, pressed by 0.03: 0.03 / (1 / 1000 + 1 / 500) = 10, and CalculiX."""
+    soft = "*MATERIAL, NAME=SOFT\n*ELASTIC\n500., 0.\n"
+    second = f"{soft}*SOLID SECTION, ELSET=UPPER, MATERIAL=SOFT"
+    text = blocks("*BOUNDARY\nUPPER_Z1, 3, 3, -0.03", interaction=STIFF, kind="SURFACE TO SURFACE")
+    text = text.replace("*SURFACE INTERACTION", f"{second}\n*SURFACE INTERACTION")
+    if again == "BOTH":
+        first = "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL"
+        assert first in text
+        text = text.replace(first, "*ELSET, ELSET=BOTH\nLOWER, UPPER\n*SOLID SECTION, ELSET=BOTH, MATERIAL=STEEL")
+    scene, output = started(tmp_path, text)
+    assert {body.tag: body.young for body in scene.bodies} == {"LOWER": 1000.0, "UPPER": 500.0}
+    assert output.count("SECTION") == 1 and "*SOLID SECTION: later sections count for cells of it" in output
+    if again == "BOTH":  # the answer is that of the other deck
+        return
+    assert solved(scene)[1].outputs()["largest pressure 0"] == pytest.approx(10.0, rel=1e-8)
+    assert by_calculix(tmp_path, text, "LOWER_Z0")[2] == pytest.approx(10.0, rel=1e-3)  # of its penalty
+
+
+@pytest.mark.parametrize("direction", ["1., 0., 0.", "2., 0., 0.", "0.1, 0., 0."])
+def test_gravity_has_the_direction_alone(direction, tmp_path):
+    """rho g L^2 / 2 E for a direction of any length, also in CalculiX."""
+    text = bar(f"*DLOAD\nBAR, GRAV, 10., {direction}", "*DENSITY\n2.\n", 0.0)
+    scene, _ = started(tmp_path, text)
+    assert scene.loads[0].direction == (1.0, 0.0, 0.0)
+    as_calculix(tmp_path, text, 2.0 * 10.0 * 16.0 / 2000.0)
+
+
+@pytest.mark.parametrize("load", ["GRAV, 10., 0., 0., 0.", "GRAV, 10."])
+def test_gravity_without_a_direction_is_left(load, tmp_path):
+    _, output = started(tmp_path, bar(f"*DLOAD\nBAR, {load}\n4, P4, 1.", "*DENSITY\n2.\n"))
+    assert "*DLOAD: its direction is zero, and it does not act" in output
+
+
+def test_creep_without_a_law_is_that_of_norton(tmp_path):
+    """The manual of CalculiX 2.20: the default of LAW is NORTON."""
+    _, output = started(tmp_path, bar("*DLOAD\n4, P4, -10.", "*CREEP\n1e-6, 3., 0.5\n"))
+    assert "*CREEP: LAW=NORTON with 1e-6, 3., 0.5 has no counterpart" in output
+
+
+@pytest.mark.parametrize(
+    ("law", "said"), [("", "NORTON"), (", LAW=NORTON", "NORTON"), (", LAW=TIME", "TIME"), (", LAW=STRAIN", "")]
+)
+def test_creep_that_slows_with_time_is_named(law, said, tmp_path):
+    """The rate A q^n t^m depends on the time, in the manual of CalculiX 2.20, and PrimaryCreep on strain."""
+    _, output = started(tmp_path, bar("*DLOAD\n4, P4, -10.", f"*CREEP{law}\n3e-6, 3., -0.5\n"))
+    assert (f"*CREEP: LAW={said}: it slows with the strain here" in output) == bool(said)
+
+
 @pytest.mark.parametrize(
     ("words", "limit"), [("*FRICTION\n0.25, 1e6", None), ("*FRICTION, TAUMAX=0.5\n0.25, 1e6", 0.5)]
 )
