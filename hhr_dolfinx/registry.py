@@ -280,8 +280,7 @@ def facet(plugin: str, word: str, what: str) -> Any:
     known = installed()
     if plugin == SEVERAL:
         raise NotOfferedError(
-            f"{what} is not built in: contacts of one scene have laws of several plug-ins there, or one without "
-            "memory, and only one law that remembers is read"
+            f"{what} is not built in: it reads one law that remembers, and not several, or one without"
         )
     if plugin not in known:
         raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")

@@ -76,6 +76,11 @@ class Interface(ContactLaw, Rebuilt):
         """Parameters that one of the laws keeps constant while loads grow."""
         return np.unique(np.concatenate([part.law.fixed for part in self.ranges])).astype(np.int64)
 
+    @property
+    def plugins(self) -> tuple[str, ...]:
+        """See :class:`ContactLaw`."""
+        return tuple(plugin for part in self.ranges for plugin in part.law.plugins)
+
     def of(self, plugin: str) -> ContactLaw | None:
         """See :class:`ContactLaw`."""
         return next((part.law.among(part.rows) for part in self.ranges if part.law.plugin == plugin), None)

@@ -128,6 +128,11 @@ class ContactLaw:
         """The law on some conditions, (m,), in their order there."""
         return self
 
+    @property
+    def plugins(self) -> tuple[str, ...]:
+        """Names of the plug-ins of the law, or of several laws in a scene; none of unilateral contact."""
+        return (self.plugin,) if self.plugin else ()
+
     def of(self, plugin: str) -> ContactLaw | None:
         """The law of a plug-in, by its name, also in a scene with others; None if no condition has it."""
         return self if self.plugin == plugin else None

@@ -74,7 +74,10 @@ class RangeStep:
     shift: np.ndarray  # part that the memory adds to the free slack, (k,)
 
     def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
-        """Linearise at forces and slacks of the rows, (k,) each; ``stiffness`` is c, the force per slack, (k,)."""
+        """Linearise at forces and slacks of the rows, (k,) each; ``stiffness`` is c, the force per slack, (k,).
+
+        The statuses of the attempt 1 are those of the residual; others may be chosen as helps the search.
+        """
         raise NotImplementedError
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
@@ -149,13 +152,13 @@ class CurveStep(RangeStep):
 
     def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
         """By the resolvent of the curve."""
-        return closing(forces, slack, stiffness, *resolvent(self.curve, forces - stiffness * slack, stiffness))
+        force, slope, _ = resolvent(self.curve, forces - stiffness * slack, stiffness)
+        return closing(forces, slack, stiffness, force, slope)
 
     def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray | float:
-        """Derivatives of x - f(d) at constant x - c s: c / (f' + c) times those of the curve."""
-        closure = np.maximum(-slack, 0.0)
-        share = stiffness / (self.curve(closure)[1] + stiffness)
-        return -(np.transpose(self.curve_slopes(closure)) * share).T
+        """Derivatives of x - f(d) at constant x - c s: 1 - J = c / (f' + c) times those of the curve."""
+        _, slope, closure = resolvent(self.curve, forces - stiffness * slack, stiffness)
+        return -(np.transpose(self.curve_slopes(closure)) * (1.0 - slope)).T
 
 
 def closing(
@@ -171,8 +174,8 @@ def closing(
 
 def resolvent(
     curve: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], y: np.ndarray, stiffness: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Forces f(d) with f(d) + c d = y and d >= 0, and their derivatives along y, (k,) each.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forces f(d) with f(d) + c d = y and d >= 0, their derivatives along y, and d, (k,) each.
 
     Newton's method, bracketed by d in [0, y / c]. A force is y - c d where the curve is stiffer than c and f(d) where
     it is softer, which are accurate there.
@@ -181,7 +184,8 @@ def resolvent(
         NotSolvableError: for a curve that falls: forces may then be several, and projections need not converge.
     """
     low = np.zeros_like(y)
-    high = closure = np.maximum(y, 0.0) / stiffness
+    closes = y > curve(low)[0]
+    high = closure = np.where(closes, y, 0.0) / stiffness
     for _ in range(200):
         force, slope = curve(closure)
         if (slope < 0).any():
@@ -192,7 +196,8 @@ def resolvent(
         left = force + stiffness * closure - y
         low = np.where(left < 0, closure, low)
         high = np.where(left < 0, high, closure)
-        new = closure - left / (slope + stiffness)
+        # Newton's method comes down slowly from far above on a steep curve
+        new = np.where(force > 4.0 * y, 0.25 * closure, closure - left / (slope + stiffness))
         new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
         settled = np.abs(new - closure) <= EPSILON * closure
         closure = new
@@ -201,9 +206,8 @@ def resolvent(
     force, slope = curve(closure)
     with np.errstate(divide="ignore"):
         share = 1.0 / (1.0 + stiffness / slope)
-    closes = closure > 0
     force = np.where(slope > stiffness, y - stiffness * closure, force)
-    return np.where(closes, force, np.maximum(y, 0.0)), np.where(closes, share, y > 0)
+    return np.where(closes, force, np.maximum(y, 0.0)), np.where(closes, share, y > 0), closure
 
 
 class UnilateralStep(RangeStep):

@@ -142,7 +142,7 @@ class RangesIncrements:
         unknown = self._unknown(contact, found)
         of_slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
         of_slack = of_slack + before.changes
-        parts = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 0)
+        parts = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
         m = len(of_slack)
         right = np.zeros((m + found.motions.size, of_slack.shape[1]))
         kinks = np.zeros(m, dtype=bool)

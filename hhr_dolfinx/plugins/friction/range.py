@@ -166,9 +166,9 @@ class FrictionStep(RangeStep):
     def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
         """By coefficient and limit, (k, P)."""
         own = self.friction
-        at = self._at(forces, slack, stiffness, 0)
+        at = self._at(forces, slack, stiffness, 1)
         coefficient, limit = own.bound_slopes(self.point)
-        pressure = np.maximum(forces[own.normal], 0.0)[:, None]
+        pressure = np.maximum(forces[own.normal] - at.normal.off, 0.0)[:, None]
         grown = np.where(at.limited[:, None], limit, coefficient * pressure)[own.owner]
         found = np.zeros((forces.size, grown.shape[1]))
         found[own.tangential] = np.where(at.slips[own.owner], -at.direction, 0.0)[:, None] * grown
@@ -187,7 +187,7 @@ class FrictionStep(RangeStep):
     def grazing(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float) -> np.ndarray:
         """Pressures about to open or to close, and contacts about to stick or to slip."""
         own = self.friction
-        at = self._at(forces, slack, stiffness, 0)
+        at = self._at(forces, slack, stiffness, 1)
         found = np.zeros(forces.size, dtype=bool)
         pressures = (part[own.normal] for part in (forces, slack, at.stiffness))
         found[own.normal] = self.under.grazing(*pressures, near)
