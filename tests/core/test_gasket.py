@@ -6,6 +6,7 @@ import my_contact_law
 import my_gasket
 import numpy as np
 import pytest
+import split
 from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket, Gaskets
@@ -173,6 +174,21 @@ def test_a_law_that_forgets_to_deny_its_memory_is_solved_all_the_same(monkeypatc
     full = full_of(Gasket(3.0, 200.0))
     assert isinstance(full.law, Interface) and full.law.path_dependent
     np.testing.assert_allclose(full.solve(0.02).forces(), expected.forces(), rtol=1e-9)
+
+
+def test_contacts_that_share_a_node_share_its_gasket():
+    """Two halves of an interface, E = 1e3 and height 1 on both sides: p = u / (2 h / E + 1 / k1), as of one face."""
+    pairs = [
+        hhr.NodeToNode(upper, lower, (0, -1), law=Gasket(500.0))
+        for upper, lower in zip(split.UPPER, split.LOWER, strict=True)
+    ]
+    full = hhr.FullOrderModel(split.scene(pairs))
+    assert full.conditions == 9 and full.problem.shares is not None
+    for answer in (full.solve({"press": 10.0}), hhr.condense(full).solve({"press": 10.0})):
+        assert answer.pressure() == pytest.approx(np.full(9, 5.0), rel=1e-9)
+        assert dict(answer.outputs().items())["force 1"] == pytest.approx(0.5 * split.HALVES["force 1"], rel=1e-9)
+    with pytest.raises(SceneError, match="their laws differ"):
+        hhr.FullOrderModel(split.scene((pairs[0], dataclasses.replace(pairs[1], law=Gasket(600.0)))))
 
 
 def fields(full, path):

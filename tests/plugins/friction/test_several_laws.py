@@ -8,10 +8,12 @@ import pytest
 from mpi4py import MPI
 from my_contact_law import Wear
 from my_gasket import Gasket, Gaskets, GasketStep
+from needs import needs
 from projected import Reference, cubic, projected
 from stacked import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.contact.interface import Interface, Range
 from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.contact.ranges import Ranges
@@ -243,3 +245,137 @@ def test_gradients_of_all_increments_are_those_of_differences():
         shift = step * np.eye(5)[number]
         expected = (forces(shift) - forces(-shift)) / (2 * step)
         assert np.abs(found[:, number] - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+def check_laws(full, answer, mu, constants, position=0.0):
+    """Equilibrium of an answer, and its forces are the projection of themselves less its own slacks."""
+    residuals = residuals_of(full, answer)
+    assert residuals.equilibrium <= 1e-10
+    parts = ranges_of(full)
+    friction, gasket = parts["friction"], parts["my_gasket"]
+    theta = full.problem.amplitudes(answer.parameter)
+    slack = full.problem.gaps @ theta - full.problem.contact @ (answer.displacement() - full.problem.lifts @ theta)
+    normal, tangential = friction.rows[friction.law.normal], friction.rows[friction.law.tangential]
+    slack[tangential] -= position
+    forces = answer.forces()
+    c = 0.1 * np.abs(forces).max() / np.abs(slack).max()
+    y = forces - c * slack
+    expected = np.maximum(y, 0.0)
+    expected[gasket.rows], _ = cubic(y[gasket.rows], c, *(value * gasket.law.area for value in constants))
+    bound = mu * expected[normal]
+    expected[tangential] = np.clip(y[tangential], -bound, bound)
+    assert np.abs(forces - expected).max() <= 1e-9 * np.abs(forces).max()
+    return np.array([forces[normal].sum(), forces[gasket.rows].sum(), forces[tangential].sum()])
+
+
+HELD = [(0.0, (0.001, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.001)), (3.5, (0.01, -0.001)), (4.0, (0.04, 0.001))]
+
+
+@needs("floating")
+@pytest.mark.parametrize(("linear", "third"), [(1.0, 50.0), (1e-3, 1.0), (1e4, 1e6)])
+def test_bodies_that_contact_alone_holds(linear, third):
+    """The lower block lies on the gasket and bears the upper one, which rubs on it: balance by hand, and the laws."""
+    scene = stacked(hhr.Coulomb(0.3), Gasket(linear, third))
+    scene = replace(scene, displacements=scene.displacements[2:], contacts=scene.contacts[:2])
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    exact = full.march(HELD).answers
+    position = 0.0
+    for answer, small in zip(exact, hhr.condense(full).march(HELD).answers, strict=True):
+        pressed, borne, sheared = check_laws(full, answer, 0.3, (linear, third), position)
+        assert pressed == pytest.approx(borne, rel=1e-9) and abs(sheared) <= 1e-9 * pressed
+        assert np.abs(answer.forces() - small.forces()).max() <= 1e-8 * np.abs(answer.forces()).max()
+        position = answer.slip.position
+    found = full.march(HELD, hhr.MarchSettings(gradient=True)).answers[-1].gradient.multipliers
+    for number in range(2):
+        steps = 1e-6 * np.eye(2)[number]
+        paths = [[(time, np.add(point, sign * steps)) for time, point in HELD] for sign in (1, -1)]
+        ends = [full.march(path, hhr.MarchSettings(outside="ignore")).answers[-1].multipliers for path in paths]
+        expected = (ends[0] - ends[1]) / 2e-6
+        assert np.abs(found[:, number] - expected).max() <= 1e-5 * np.abs(expected).max() + 1e-7
+
+
+@needs("floating")
+def test_motions_that_nothing_determines_are_said():
+    """The lower block may slide on a gasket as long as nothing rubs on it, away from a wall."""
+    scene = stacked(None, Gasket(1.0, 50.0))
+    scene = replace(scene, displacements=scene.displacements[2:])
+    with pytest.warns(hhr.errors.UndeterminedWarning):
+        answer = hhr.FullOrderModel(scene, MPI.COMM_SELF).solve((0.02, 0.0))
+    assert answer.undetermined is not None and answer.undetermined.shape[1] == 1
+
+
+OUTPUTS = (
+    hhr.DissipatedWork("work", 0), hhr.LargestSlip("slip", 0), hhr.SlipArea("slipping", 0), hhr.StickArea("sticking", 0),
+    hhr.FrictionForce("force", 0, direction=(1.0, 0.0)), hhr.LargestWear("wear", 0, constant=2.0),
+)  # fmt: skip
+
+
+def test_outputs_of_friction_read_its_range(tmp_path):
+    """They are those of friction alone beside a gasket and wear that do not touch; and the work is that of forces."""
+    one, other = (full_of(hhr.Coulomb(0.3), *laws, gap=1.0, outputs=OUTPUTS) for laws in ((), (Gasket(1.0), Wear(0.0))))
+    assert type(one.law) is Friction and isinstance(other.law, Interface)
+    models = one, other, hhr.condense(other)
+    for answers in zip(*(model.march(PATH).answers for model in models), strict=True):
+        expected, *found = ([answer.outputs()[output.name] for output in OUTPUTS] for answer in answers)
+        for values in found:
+            np.testing.assert_allclose(values, expected, rtol=1e-9, atol=1e-12)
+    assert expected[0] > 0 and expected[1] > 0
+    with pytest.raises(hhr.errors.SceneError, match="contact 1 has no friction"):
+        full_of(hhr.Coulomb(0.3), Gasket(1.0), outputs=(hhr.DissipatedWork("work", 1),)).outputs((0.02, 0.0))
+    assert other.law.of("friction").normal.tolist() == one.law.normal.tolist()
+
+
+def test_uniqueness_is_that_of_friction_on_the_whole_s():
+    full = full_of(hhr.Coulomb(0.3))
+    alone = full.coupling((0.02, 0.0))
+    both = full_of(hhr.Coulomb(0.3), Gasket(1.0), Wear(RATE)).coupling((0.02, 0.0))
+    assert both == pytest.approx(alone, rel=1e-9) and 0 < alone
+    assert full_of(None, Gasket(1.0), Wear(RATE)).uniqueness((0.02, 0.0)) == "one answer"
+
+
+def test_surfaces_that_slide_far_are_warned_of():
+    far = [(0.0, (0.02, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.2))]
+    model = hhr.condense(full_of(hhr.Coulomb(0.05), Gasket(1.0), cells=8))
+    with pytest.warns(hhr.errors.FarSlidingWarning, match="has slid by"):
+        model.march(far)
+
+
+def test_steps_are_cut_by_the_errors_of_each_range():
+    """A gasket a million times softer than the bodies counts by its own forces, and so does the wear."""
+    model = hhr.condense(full_of(hhr.Coulomb(0.3), Gasket(1e-6, 1e-4), Wear(0.2)))
+    fine, coarse = (model.march(PATH, hhr.MarchSettings(time_tolerance=tolerance)) for tolerance in (2e-3, 3e-2))
+    assert max(answer.parts for answer in coarse.answers) > 2
+    for part in model.law.ranges:
+        off, size = 0.0, 0.0
+        for one, other in zip(coarse.answers, fine.answers, strict=True):
+            off = max(off, np.linalg.norm((one.multipliers - other.multipliers)[part.rows]))
+            size = max(size, np.linalg.norm(other.multipliers[part.rows]))
+        assert off <= 2.0 * coarse.answers[-1].time_error * size
+
+
+@needs("inelastic")
+def test_inelastic_bodies_wear_by_the_seconds_of_their_steps():
+    """With a yield stress that is never reached they are elastic: the same increments, wear and all."""
+    scene = stacked(hhr.Coulomb(0.3), Gasket(1.0, 50.0), Wear(RATE))
+    plastic = tuple(replace(body, law=hhr.Plasticity(1e3, 1.0)) for body in scene.bodies)
+    elastic = hhr.FullOrderModel(scene, MPI.COMM_SELF).march(PATH).answers
+    flowing = hhr.FullOrderModel(replace(scene, bodies=plastic), MPI.COMM_SELF).march(PATH).answers
+    for one, other in zip(elastic, flowing, strict=True):
+        assert np.abs(one.forces() - other.forces()).max() <= 1e-5 * np.abs(one.forces()).max()
+        np.testing.assert_allclose(one.worn, other.worn, atol=1e-5 * one.worn.max())
+        np.testing.assert_allclose(one.slip.position, other.slip.position, atol=1e-5 * np.abs(one.slip.position).max())
+    assert one.worn.max() > 0
+
+
+@needs("moduli")
+def test_moduli_may_be_parameters():
+    space = hhr.ParameterSpace(("push", "slide", "young"), (0.0, -0.2, 1.0), (0.3, 0.2, 4.0))
+    scene = stacked(hhr.Coulomb(0.3), Gasket(1.0, 50.0), Wear(RATE), parameters=space)
+    scene = replace(scene, bodies=(hhr.Body(1, "young", 0.3), scene.bodies[1]))
+    path = [(time, (*point, 3.0)) for time, point in PATH]
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    fixed = replace(scene, bodies=(hhr.Body(1, 3.0, 0.3), scene.bodies[1]), parameters=stacked().parameters)
+    expected = hhr.FullOrderModel(fixed, MPI.COMM_SELF).march(PATH).answers
+    for model in (full, hhr.condense(full)):
+        for one, other in zip(expected, model.march(path).answers, strict=True):
+            assert np.abs(one.forces() - other.forces()).max() <= 1e-9 * np.abs(one.forces()).max()
