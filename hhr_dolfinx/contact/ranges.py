@@ -194,15 +194,14 @@ def resolvent(
                 "pressure never falls while the gap closes are built in, as others may have several answers"
             )
         left = force + stiffness * closure - y
+        change = left / (slope + stiffness)
+        if (~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(left) <= EPSILON * y)).all():
+            break
         low = np.where(left < 0, closure, low)
         high = np.where(left < 0, high, closure)
         # Newton's method comes down slowly from far above on a steep curve
-        new = np.where(force > 4.0 * y, 0.25 * closure, closure - left / (slope + stiffness))
-        new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
-        settled = np.abs(new - closure) <= EPSILON * closure
-        closure = new
-        if settled.all():
-            break
+        new = np.where(force > 4.0 * y, 0.25 * closure, closure - change)
+        closure = np.where((new > low) & (new < high), new, 0.5 * (low + high))
     force, slope = curve(closure)
     with np.errstate(divide="ignore"):
         share = 1.0 / (1.0 + stiffness / slope)

@@ -149,7 +149,7 @@ class RangesIncrements:
         own = [(rows, found.forces[rows], found.slack[rows], ranges.stiffness[rows]) for rows in self.laws.rows]
         for (rows, *at), step, part in zip(own, steps, parts, strict=True):
             right[rows] = -part.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
-            kinks[rows] = step.grazing(*at, GRAZING * np.abs(at[0]).max(initial=0.0))
+            kinks[rows] = step.grazing(at[0], at[1], at[2], GRAZING * np.abs(at[0]).max(initial=0.0))
         if contact.kernel is not None:
             right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
         forces, motions = np.split(ranges.solved(parts, right), [m])

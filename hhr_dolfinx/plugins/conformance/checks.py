@@ -454,11 +454,11 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
     ways = [STEP * np.abs(value).max() * random.standard_normal((value.size, 1)) for value in (forces, slack)]
 
     def shift(sign: float) -> np.ndarray:
-        moved = (value + sign * way[:, 0] for value, way in zip((forces, slack), ways, strict=True))
-        return solver.step(step.after(*moved, active), point, 0.7).shift
+        memory = step.after(forces + sign * ways[0][:, 0], slack + sign * ways[1][:, 0], active)
+        return solver.step(memory, point, 0.7).shift
 
     expected = 0.5 * (shift(1.0) - shift(-1.0))
-    found = step.carried(np.zeros((forces.size, 1)), *ways, active)[:, 0]
+    found = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)[:, 0]
     error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
     _require(error <= OF_FUNCTIONS, "carried", error)
 

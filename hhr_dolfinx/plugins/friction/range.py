@@ -189,8 +189,8 @@ class FrictionStep(RangeStep):
         own = self.friction
         at = self._at(forces, slack, stiffness, 1)
         found = np.zeros(forces.size, dtype=bool)
-        pressures = (part[own.normal] for part in (forces, slack, at.stiffness))
-        found[own.normal] = self.under.grazing(*pressures, near)
+        normal = own.normal
+        found[normal] = self.under.grazing(forces[normal], slack[normal], at.stiffness[normal], near)
         slip = own.lengths(at.stiffness[own.tangential] * slack[own.tangential])
         close = np.where(at.slips, slip <= near, own.lengths(forces[own.tangential]) >= at.bound - near)
         found[own.tangential] = (close & at.bears)[own.owner]
