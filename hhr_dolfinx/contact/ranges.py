@@ -195,13 +195,15 @@ def resolvent(
             )
         left = force + stiffness * closure - y
         change = left / (slope + stiffness)
-        if (~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(left) <= EPSILON * y)).all():
+        settled = ~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(left) <= EPSILON * y)
+        if settled.all():
             break
         low = np.where(left < 0, closure, low)
         high = np.where(left < 0, high, closure)
         # Newton's method comes down slowly from far above on a steep curve
         new = np.where(force > 4.0 * y, 0.25 * closure, closure - change)
-        closure = np.where((new > low) & (new < high), new, 0.5 * (low + high))
+        new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
+        closure = np.where(settled, closure, new)
     force, slope = curve(closure)
     with np.errstate(divide="ignore"):
         share = 1.0 / (1.0 + stiffness / slope)
