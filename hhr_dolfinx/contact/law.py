@@ -107,6 +107,11 @@ class ContactLaw:
 
     fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion
 
+    @property
+    def path_dependent(self) -> bool:
+        """True if answers depend on the path; where a law of several remembers, those of all do."""
+        return self.remembers
+
     def pressing(self, count: int) -> np.ndarray:
         """Conditions with the force of a pressure among so many, (count,) bool."""
         return np.ones(count, dtype=bool)
@@ -121,6 +126,19 @@ class ContactLaw:
 
     def within(self, conditions: np.ndarray) -> ContactLaw:
         """The law on some conditions, (m,), in their order there."""
+        return self
+
+    @property
+    def plugins(self) -> tuple[str, ...]:
+        """Names of the plug-ins of the law, or of several laws in a scene; none of unilateral contact."""
+        return (self.plugin,) if self.plugin else ()
+
+    def of(self, plugin: str) -> ContactLaw | None:
+        """The law of a plug-in, by its name, also in a scene with others; None if no condition has it."""
+        return self if self.plugin == plugin else None
+
+    def among(self, conditions: np.ndarray) -> ContactLaw:
+        """The law on some conditions, (m,), with their numbers among all; one without numbers is the same."""
         return self
 
     def parts(self) -> list[Any]:
@@ -181,12 +199,12 @@ UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 def check_attached(given: PairLaw, law: ContactLaw) -> None:
     """Raise SceneError for a law on the conditions that is not that of a user's law: it would be left out."""
-    if isinstance(law, ContactLaw) and law.remembers and law.plugin == given.plugin:
+    if isinstance(law, ContactLaw) and law.plugin == given.plugin:
         return
     raise SceneError(
-        f"attached() of {type(given).__name__} returned {law!r}, and a contact law that remembers, of the plug-in "
-        f"'{given.plugin}', is needed: other models would leave out {given.words}. Return an object of a class derived "
-        f"from ContactLaw, with plugin = '{given.plugin}' and without remembers = False"
+        f"attached() of {type(given).__name__} returned {law!r}, and a contact law of the plug-in '{given.plugin}', is "
+        f"needed: other models would leave out {given.words}. Return an object of a class derived from ContactLaw, "
+        f"with plugin = '{given.plugin}'"
     )
 
 

@@ -21,6 +21,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
+from hhr_dolfinx.contact.interface import alone, together
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, strained
@@ -219,8 +220,25 @@ class Discretisation(DiscreteSpace):
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
         """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
         scene = self.scene
-        if len({law.plugin for law in laws.values()}) > 1:
-            raise SceneError(f"contacts of scene '{scene.name}' have laws of several plug-ins: not built in")
+        of_plugins: dict[str, dict[int, PairLaw]] = {}
+        for place, own in laws.items():
+            of_plugins.setdefault(own.plugin, {})[place] = own
+        found = [self._attached(some, rows, pairs, prolongation) for some in of_plugins.values()]
+        whole = found[0]
+        if len(found) > 1 or not alone(whole[2]):
+            whole = together(scene, list(of_plugins.values()), found, rows, pairs)
+        if scene.shapes and not whole[2].reshapes:
+            raise SceneError(
+                f"contacts of scene '{scene.name}' have {whole[2].name}, and shapes depend on parameters: that is not "
+                "built in for this law"
+            )
+        return whole
+
+    def _attached(
+        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, prolongation: Prolongation
+    ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
+        """The same for the laws of one plug-in."""
+        scene = self.scene
         first, *others = laws.values()
         if any(
             getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None) for law in others
@@ -234,11 +252,6 @@ class Discretisation(DiscreteSpace):
         check_attached(first, found[2])
         if not np.array_equal(found[1][: pairs.size], pairs):
             raise SceneError(f"attached() of {type(first).__name__} must append rows to the conditions, and keep these")
-        if scene.shapes and not found[2].reshapes:
-            raise SceneError(
-                f"contacts of scene '{scene.name}' have {found[2].name}, and shapes depend on parameters: that is not "
-                "built in for this law"
-            )
         return found
 
     def load_terms(self) -> list[Term]:

@@ -189,8 +189,10 @@ class AnsweringModel(Shown):
         if self.equilibrium is not None:
             return self.equilibrium.one_step(self, point, raise_on_failure, outside, gradient, **step)
         if self.law.remembers and step.keys() <= {"converged"}:
-            from hhr_dolfinx.models.histories.increments import proportional
+            from hhr_dolfinx.models.histories.increments import proportional, single
 
+            if not self.law.path_dependent:
+                return single(self, point, raise_on_failure, outside, gradient)
             return proportional(self, point, raise_on_failure, outside, gradient, **step)
         if step:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")

@@ -38,6 +38,7 @@ TABLES = (".csv", ".parquet")
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
+    "contact.interface": "Interface Range",
     "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
     "models.condensed": "CondensedModel",

@@ -165,7 +165,7 @@ def cut(monkeypatch):
 
 
 @pytest.mark.parametrize(("change", "why"), [
-    (denying, r"attached\(\) of Wear returned Wearing.*would leave out wear 0.05"),
+    (denying, r"Wearing says that it does not remember, and its increments read 'worn' of its memory"),
     (unread, r"attached\(\) of Wear returned Unilateral.*would leave out wear 0.05"),
     (of_another, r"of the plug-in 'my_contact_law', is needed"),
     (cut, "must append rows to the conditions"),

@@ -325,3 +325,22 @@ def _changed(values: np.ndarray, last: np.ndarray) -> float:
     """Change of values relative to their norm."""
     size = float(np.linalg.norm(values))
     return float(np.linalg.norm(values - last)) / size if size else 0.0
+
+
+@one_thread
+def single(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
+    """Answer to a checked point, (P,), of laws without memory: one increment."""
+    model.check_range(point, outside)
+    increments: Increments = model.increments(MarchSettings(outside="ignore", gradient=gradient))
+    weights = np.ones(point.size)
+    try:
+        solved = increments.increment(increments.at_rest(0.0, point, weights), Target(1.0, point, weights))
+    except NotSolvableError:
+        if raise_on_failure:
+            raise
+        return model.unanswered(point)
+    answer = increments.answer(solved)._replace(time=np.nan)
+    answer = outcome(answer, raise_on_failure, {**model.advice, **increments.advice(solved)})
+    if answer.converged and answer.undetermined is not None:
+        model.warn_undetermined(answer)
+    return answer

@@ -143,8 +143,8 @@ def _add_contact(grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: A
     gap = np.full(grid.n_points, np.nan)
     gap[mesh.slaves[mesh.pressing]] = slack[mesh.pressing]
     grid.point_data["gap"] = gap
-    if problem.law.plugin:
-        report = registry.facet(problem.law.plugin, "report", f"a file of fields with {problem.law.name}")
+    for plugin in problem.law.plugins:
+        report = registry.facet(plugin, "report", f"a file of fields with {problem.law.name}")
         for name, values in report.point_fields(problem, answer, answer.forces()).items():
             grid.point_data[name] = values
 

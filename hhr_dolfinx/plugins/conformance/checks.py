@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,12 +17,16 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.certify.compare import residuals_of
+from hhr_dolfinx.contact.interface import Range
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.errors import ClaimError, HHRError, NotOfferedError, PairingWarning
+from hhr_dolfinx.contact.ranges import RangeSolver, RangeStep
+from hhr_dolfinx.declared import check_layout
+from hhr_dolfinx.errors import ClaimError, FileContentError, HHRError, NotOfferedError, PairingWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.loads import Pressure
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
@@ -75,9 +80,16 @@ WRONG = {
     "reduced": "it has no parts() and is reduced all the same: leave `problem` as it is given",
     "answer": "its model {} and is off by {:.3g} at {}: claim less, or refuse the scene",
     "bound": "its model is off by more than its bound at {}: call that an estimate, or correct it",
-    "law": "`attached` must return a law of the same plug-in, which remembers",
+    "law": "`attached` must return a law of the same plug-in",
     "rows of a law": "`pressing` and `distinct` must return one bool for each condition",
-    "within": "`within` of all conditions must be the same law",
+    "within": "`within` must be the law of the conditions that it is given, in their order: take all arrays there",
+    "range memory": "its memory of {} conditions has other arrays than `layout`: give them the size of the range",
+    "range size": "`linearised` of {} conditions must return as many values for each of its parts",
+    "projection": "`off` must be x - p(x - c s) of one function p: it has two values at one x - c s",
+    "monotone": "its projection moves by more than x - c s, or against it: the force must not fall as the gap closes",
+    "newton": "`on_forces`, `on_slack` and `right` are not Newton's rows of `off` by differences: off by {:.2g}",
+    "range slopes": "`slopes` are not the derivatives of `off` along the parameters: off by {:.2g}",
+    "carried": "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}",
     "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
     "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
     "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
@@ -294,12 +306,14 @@ def check_contact_law(law: Any) -> None:
     )
     path = [(float(k), low + width * share) for k, share in enumerate(shares)]
     own = full.law
-    _require(own.plugin == law.plugin and own.remembers, "law")
+    _require(own.of(law.plugin) is not None, "law")
     rows = full.conditions
     _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
     every = own.within(np.arange(rows))
-    _require(all(np.array_equal(one, other) for one, other in zip(own.parts(), every.parts(), strict=True)), "within")
+    _require(_same_parts(own, every), "within")
     _require(bool(own.parts()), "parts of a law")
+    if "range" in registry.installed()[law.plugin].facets:
+        check_range(full, law.plugin)
     exact = full.march(path).answers
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = residuals_of(full, answer)
@@ -328,6 +342,125 @@ def check_contact_law(law: Any) -> None:
         except NotOfferedError:
             return
         _require(False, "reduced law")
+
+
+def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
+    both = one.parts(), other.parts()
+    return len(both[0]) == len(both[1]) and all(np.array_equal(*pair) for pair in zip(*both, strict=True))
+
+
+def check_range(full: FullOrderModel, plugin: str) -> None:
+    """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on a part of them."""
+    own: Any = full.law
+    whole = next((part for part in getattr(own, "ranges", ()) if part.law.plugin == plugin), None)
+    whole = Range(own, np.arange(full.conditions)) if whole is None else whole
+    nodes = full.problem.contact_slaves[whole.rows]
+    some = np.flatnonzero(np.isin(nodes, np.unique(nodes)[::2]))[::-1]
+    part = Range(whole.law.within(some), whole.rows[some])
+    back = np.argsort(some)
+    again = whole.law.within(np.sort(some))
+    _require(_same_parts(part.law.within(back), again), "within")
+    contact_at = full.contacts()
+    largest = max(np.abs(contact_at(point).free_slack).max() for point in full.parameters.random(4, 2))
+    for one in (whole, part):
+        random = np.random.default_rng(3)
+        solver = one.solver()
+        stiffness = 1.0 / np.abs(np.diag(full.schur))[one.rows]
+        memory = solver.at_rest()
+        _check_size(one, memory)
+        for point in full.parameters.random(4, 5):
+            given = memory if one.law.remembers else NO_MEMORY
+            step = partial(solver.step, given, seconds=0.7)
+            at = (
+                largest * stiffness * random.standard_normal(one.rows.size),
+                largest * random.standard_normal(one.rows.size),
+                stiffness,
+            )
+            monotone = not solver.coupling(full.schur, one.rows, point)
+            _check_projection(step(point), at, random, monotone)
+            active = step(point).linearised(*at, 1).active
+            memory = step(point).after(np.abs(at[0]), at[1], active)
+            _check_size(one, memory)
+            _check_derivatives(full, step, point, at)
+            if one.law.remembers:
+                _check_carried(solver, point, step(point), at)
+
+
+def _check_size(part: Range, memory: Memory) -> None:
+    """Arrays of a memory have the sizes of the layout on a range."""
+    arrays = {name: np.asarray(value) for name, value in part.law.stored(memory).items()}
+    try:
+        check_layout(arrays, part.law.layout, {**part.law.sizes, "N_lambda": part.rows.size})
+    except FileContentError:
+        _require(False, "range memory", part.rows.size)
+
+
+Iterate = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Forces, slacks and stiffness of the rows of a range."""
+
+
+def _check_projection(step: RangeStep, at: Iterate, random: np.random.Generator, monotone: bool) -> None:
+    """``off`` is less a projection of x - c s, which of a monotone law does not expand."""
+    forces, slack, stiffness = at
+    one = step.linearised(*at, 1)
+    sizes = {np.size(value) for value in (step.shift, one.off, one.on_forces, one.on_slack, one.right, one.active)}
+    _require(sizes == {forces.size}, "range size", forces.size)
+    moved = np.abs(forces).max() * random.standard_normal(forces.size)
+    other = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
+    projected = forces - one.off
+    _require(_near(forces + moved - other.off, projected, ROUND_OFF), "projection")
+    if monotone:
+        for way in np.diag(moved):
+            change = projected - (forces - step.linearised(forces, slack + way / stiffness, stiffness, 1).off)
+            _require(change @ way - change @ change >= -ROUND_OFF * way @ way, "monotone")
+
+
+def _check_derivatives(full: FullOrderModel, step: Callable[..., RangeStep], point: np.ndarray, at: Iterate) -> None:
+    """Newton's rows span those of differences, since rows of one law may be added to each other; and slopes."""
+    forces, slack, stiffness = at
+    size = forces.size
+    found = step(point).linearised(*at, 1)
+    on_forces = np.diag(found.on_forces)
+    if found.coupling is not None:
+        np.add.at(on_forces, (found.coupling.rows, found.coupling.columns), found.coupling.on_forces)
+    given = np.hstack([on_forces, found.of_slack(np.eye(size) / stiffness), found.right[:, None]])
+    unit = STEP * np.abs(forces).max() * np.eye(size)
+
+    def off(forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
+        return step(point).linearised(forces, slack, stiffness, 1).off
+
+    exact = [(off(forces + one, slack) - off(forces - one, slack)) / (2 * one.max()) for one in unit]
+    exact += [
+        (off(forces, slack + one / stiffness) - off(forces, slack - one / stiffness)) / (2 * one.max()) for one in unit
+    ]
+    both = np.array(exact).T
+    right = both @ np.concatenate([forces, slack * stiffness]) - found.off
+    expected = np.hstack([both, right[:, None]])
+    scale = np.append(np.ones(2 * size), np.abs(forces).max())
+    combined = np.linalg.lstsq((given / scale).T, (expected / scale).T, rcond=None)[0]
+    error = float(np.abs(combined.T @ (given / scale) - expected / scale).max())
+    _require(error <= OF_ANSWERS, "newton", error)
+    slopes = np.broadcast_to(np.transpose(step(point).slopes(*at)), (point.size, size)).T
+    expected = full.parameters.differences(lambda there: step(there).linearised(*at, 1).off, point, STEP)
+    error = float(np.abs(slopes - expected).max() / (np.abs(expected).max() + ROUND_OFF * np.abs(forces).max()))
+    _require(error <= OF_ANSWERS or not np.abs(slopes - expected).any(), "range slopes", error)
+
+
+def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: Iterate) -> None:
+    """The next shift changes with forces and slacks as ``carried`` says."""
+    forces, slack, _ = at
+    active = step.linearised(*at, 1).active
+    random = np.random.default_rng(4)
+    ways = [STEP * np.abs(value).max() * random.standard_normal((value.size, 1)) for value in (forces, slack)]
+
+    def shift(sign: float) -> np.ndarray:
+        memory = step.after(forces + sign * ways[0][:, 0], slack + sign * ways[1][:, 0], active)
+        return solver.step(memory, point, 0.7).shift
+
+    expected = 0.5 * (shift(1.0) - shift(-1.0))
+    found = step.carried(np.zeros((forces.size, 1)), ways[0], ways[1], active)[:, 0]
+    error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
+    _require(error <= OF_FUNCTIONS, "carried", error)
 
 
 def _alike(law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tolerance: float) -> bool:

@@ -45,6 +45,7 @@ PLUGIN = Plugin(
     ),
     facets={
         "steps": f"{_HERE}.steps:STEPS",
+        "range": f"{_HERE}.range:FrictionRange",
         "reduction": f"{_HERE}.reduction:REDUCTION",
         "report": f"{_HERE}.report:REPORT",
         "page": f"{_HERE}.page:PAGE",

@@ -231,6 +231,12 @@ class Friction(ContactLaw, Rebuilt):
             twice=places_of(np.intersect1d(self.twice, conditions), conditions),
         )  # fmt: skip
 
+    def among(self, conditions: np.ndarray) -> Friction:
+        """See :class:`ContactLaw`."""
+        return replace(
+            self, normal=conditions[self.normal], tangential=conditions[self.tangential], twice=conditions[self.twice]
+        )
+
 
 def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
     """Index of some conditions among others, in any order."""

@@ -151,7 +151,7 @@ class SlipArea(StickArea):
 
 def _sliding(output: OfContact, probe: ModelProbe) -> tuple[np.ndarray, Friction]:
     """Numbers of the contacts with friction of the pair of an output, and the friction; SceneError without any."""
-    friction = probe.problem.law
+    friction = probe.problem.law.of("friction")
     if isinstance(friction, Friction):
         own = np.flatnonzero(np.isin(friction.normal, probe.conditions(output)))
         if own.size:

@@ -17,7 +17,7 @@ class _Report:
 
         The status is 0 if contact is open or without friction, 1 if it sticks, 2 if it slips.
         """
-        friction = problem.law
+        friction = problem.law.of("friction")
         assert isinstance(friction, Friction)
         if SLIP not in answer.memory:
             return {}

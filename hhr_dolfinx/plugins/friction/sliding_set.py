@@ -440,10 +440,15 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
     if not twice.size:
         return schur
     found = schur.copy()
-    own = np.diag(schur)
-    pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]
-    found[twice, twice] += ELASTIC_SLIP * np.where(own[twice] > 0, own[twice], own[pressure])
+    found[twice, twice] += elastic_slip(np.diag(schur), friction)
     return found
+
+
+def elastic_slip(diagonal: np.ndarray, friction: Friction) -> np.ndarray:
+    """Compliance of the rows that leave their forces undetermined, ``twice``, by the diagonal of S."""
+    twice = friction.twice
+    pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]
+    return ELASTIC_SLIP * np.where(diagonal[twice] > 0, diagonal[twice], diagonal[pressure])
 
 
 def _share(bound: np.ndarray, size: np.ndarray) -> np.ndarray:

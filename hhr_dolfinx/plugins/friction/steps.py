@@ -62,7 +62,7 @@ class _Steps(Steps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         return Slider(model, settings.gradient, settings.limit)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers)
 
     def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:

@@ -188,11 +188,11 @@ class LinearisedStepper(Stepper):
         if start is not None:
             x = start.unknown
         else:
-            x = extrapolated(trail, goal.time) if len(trail) > 1 else self._elastic_start(here, theta, goal.parameter)
+            x = extrapolated(trail, goal.time) if len(trail) > 1 else self._elastic_start(here, theta, goal)
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
         active = (here if start is None else start).active
-        contact = steps_of(model.law).step_contact(model, here, goal.parameter)
+        contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
         together = model.together
         linear: Any = self._linearisation if flows else model.elastic
         for iteration in range(1, settings.iterations + 1):
@@ -234,7 +234,7 @@ class LinearisedStepper(Stepper):
         why = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
         raise Diverged(why, together.place(remaining))
 
-    def _elastic_start(self, here: Answer, theta: Theta, point: np.ndarray) -> np.ndarray:
+    def _elastic_start(self, here: Answer, theta: Theta, goal: Goal) -> np.ndarray:
         """The unknown if the step were elastic.
 
         Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
@@ -247,7 +247,7 @@ class LinearisedStepper(Stepper):
         stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
         residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
         try:
-            contact = steps_of(model.law).step_contact(model, here, point)
+            contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
             change, found = model.elastic.correct(residual, x, theta, here.active, contact)
         except NotSolvableError:
             return x

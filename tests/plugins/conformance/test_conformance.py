@@ -515,5 +515,5 @@ def test_templates_work_as_they_are(kind, monkeypatch):
     assert places and all(registry.load(place) is own[place.partition(":")[2]] for place in places)
 
 
-def test_there_is_a_template_for_each_of_six_seams():
-    assert FOLDERS == ["contact_law", "law", "load", "output", "pairing", "reductor"]
+def test_there_is_a_template_for_each_seam():
+    assert FOLDERS == ["contact_law", "gasket", "law", "load", "output", "pairing", "reductor"]

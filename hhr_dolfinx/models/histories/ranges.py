@@ -1,0 +1,245 @@
+"""Increments with laws of several plug-ins, or without memory, each on its range of the conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
+from hhr_dolfinx.contact.interface import Interface
+from hhr_dolfinx.contact.ranges import Ranges, RangeStep, Together
+from hhr_dolfinx.memory import NO_MEMORY, Memory
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+from hhr_dolfinx.models.gradient import GRAZING, Gradient
+from hhr_dolfinx.models.histories.increments import Target
+
+WEAK = 1e-8
+"""Part of the largest force of all ranges below which differences of one range are not measured by its own forces."""
+NOTE = "derivative of the path in its increments, at their statuses: check that more increments do not change it"
+"""Note of derivatives."""
+
+
+class Reached(NamedTuple):
+    """State of a history at the end of an increment (M rows)."""
+
+    time: float
+    point: np.ndarray
+    weights: np.ndarray
+    forces: np.ndarray
+    memory: Memory
+    slack: np.ndarray  # without the shifts of memories, 0 of active rows, (M,)
+    energy: float  # largest elastic energy of contact so far
+    changes: np.ndarray  # derivatives of the shifts of all rows, (M, P)
+
+
+class Solved(NamedTuple):
+    """An increment, see :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+
+    found: Together
+    contact: CondensedContact
+    reached: Reached
+    gradient: Gradient | None
+    status: Status
+    iterations: int
+    cycled: bool
+
+
+class _Laws:
+    """Solvers of the laws of an interface, on one S after another."""
+
+    def __init__(self, law: Interface):
+        self.law = law
+        self.solvers = [part.solver() for part in law.ranges]
+        self.rows = [part.rows for part in law.ranges]
+        self.ranges: Ranges | None = None
+
+    def at_rest(self) -> Memory:
+        return _joined([solver.at_rest() for solver in self.solvers])
+
+    def on(self, schur: np.ndarray, motions: np.ndarray | None = None) -> Ranges:
+        """The laws on one S, (M, M)."""
+        if self.ranges is None or self.ranges.given is not schur:
+            own = np.zeros(len(schur))
+            for rows, solver in zip(self.rows, self.solvers, strict=True):
+                own[rows] = solver.compliance(np.abs(np.diag(schur))[rows])
+            self.ranges = Ranges(schur, self.rows, own, motions)
+        return self.ranges
+
+    def steps(self, before: Memory, point: np.ndarray, seconds: float) -> list[RangeStep]:
+        """Increments of all laws; a law without memory gets none."""
+        both = zip(self.solvers, self.law.ranges, strict=True)
+        given = [(solver, (before, seconds) if part.law.remembers else (NO_MEMORY, np.nan)) for solver, part in both]
+        return [solver.step(memory, point, duration) for solver, (memory, duration) in given]
+
+    def after(self, steps: Sequence[RangeStep], found: Together) -> Memory:
+        """Memory at the end of an increment."""
+        both = zip(self.rows, steps, strict=True)
+        return _joined([step.after(found.forces[rows], found.slack[rows], found.active[rows]) for rows, step in both])
+
+
+def _joined(memories: Sequence[Memory]) -> Memory:
+    found = NO_MEMORY
+    for memory in memories:
+        found = found | memory
+    return found
+
+
+class RangesIncrements:
+    """Increments of one history of a model whose law is an :class:`~hhr_dolfinx.contact.interface.Interface`."""
+
+    def __init__(self, model: Any, gradient: bool):
+        self.model = model
+        self.gradient = gradient
+        self.laws = _Laws(model.law)
+        self.contact_at = model.contacts()
+        self.largest = np.zeros(len(self.laws.rows))  # norm of the forces of each range so far
+
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+        """Undeformed bodies."""
+        slack = self.contact_at(point).free_slack
+        nothing = np.zeros(slack.size), self.laws.at_rest(), slack, 0.0, np.zeros((slack.size, point.size))
+        return Reached(time, point, weights, *nothing)
+
+    def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
+        """State after a step that the full model solved before."""
+        forces = answer.multipliers
+        point = answer.parameter
+        self._grow(forces)
+        problem = self.model.problem.at(point)
+        slack = problem.gaps @ problem.amplitudes(point) - problem.contact @ answer.unknown
+        energy = 0.5 * float(forces @ (self.contact_at(point).schur @ forces))
+        state = forces, answer.memory, np.where(answer.active, 0.0, slack), energy
+        return Reached(answer.time, point, weights, *state, np.zeros((forces.size, point.size)))
+
+    def increment(self, before: Reached, target: Target) -> Solved:
+        """Solve one increment; it may not converge."""
+        contact = self.contact_at(target.point)
+        kernel = contact.kernel
+        motions, driving = (None, None) if kernel is None else (kernel.equalities.contact_of_motions, kernel.driving)
+        ranges = self.laws.on(contact.schur, motions)
+        steps = self.laws.steps(before.memory, target.point, target.time - before.time)
+        found = ranges.solve(contact.free_slack, steps, before.forces, driving)
+        gradient = None
+        changes = before.changes
+        if self.gradient and found.status is Status.CONVERGED:
+            gradient, changes = self._gradient(ranges, before, target, found, steps, contact)
+        loaded = contact.schur @ found.forces
+        slack = contact.free_slack + loaded - ranges.motions @ found.motions
+        memory = self.laws.after(steps, found)
+        energy = max(before.energy, 0.5 * float(found.forces @ loaded))
+        state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes
+        reached = Reached(target.time, target.point, target.weights, *state)
+        return Solved(found, contact, reached, gradient, found.status, found.iterations, found.projections > 0)
+
+    def _gradient(
+        self, ranges: Ranges, before: Reached, target: Target, found: Together, steps: list[RangeStep],
+        contact: CondensedContact,
+    ) -> tuple[Gradient, np.ndarray]:  # fmt: skip
+        """Derivatives at the statuses of the solution, by the implicit function: P x' + Q (s' + S x' - G a') = -r'."""
+        unknown = self._unknown(contact, found)
+        of_slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
+        of_slack = of_slack + before.changes
+        parts = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
+        m = len(of_slack)
+        right = np.zeros((m + found.motions.size, of_slack.shape[1]))
+        kinks = np.zeros(m, dtype=bool)
+        own = [(rows, found.forces[rows], found.slack[rows], ranges.stiffness[rows]) for rows in self.laws.rows]
+        for (rows, *at), step, part in zip(own, steps, parts, strict=True):
+            right[rows] = -part.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
+            kinks[rows] = step.grazing(at[0], at[1], at[2], GRAZING * np.abs(at[0]).max(initial=0.0))
+        if contact.kernel is not None:
+            right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
+        forces, motions = np.split(ranges.solved(parts, right), [m])
+        slack = of_slack + ranges.schur @ forces - ranges.motions @ motions
+        changes = before.changes.copy()
+        for rows, step in zip(self.laws.rows, steps, strict=True):
+            changes[rows] = step.carried(before.changes[rows], forces[rows], slack[rows], found.active[rows])
+        of_unknown = of_unknown - contact.pushed(forces)
+        if contact.kernel is not None:
+            of_unknown = of_unknown + contact.kernel.modes @ motions
+        return Gradient(of_unknown, forces, kinks, slack, note=NOTE), changes
+
+    @staticmethod
+    def _unknown(contact: CondensedContact, found: Together) -> np.ndarray:
+        unknown = contact.unknown(found.forces)
+        return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions
+
+    def _grow(self, forces: np.ndarray) -> None:
+        self.largest = np.maximum(self.largest, [np.linalg.norm(forces[rows]) for rows in self.laws.rows])
+
+    def compare(self, solved: Solved) -> None:
+        """Take in the sizes of forces."""
+        self._grow(solved.found.forces)
+
+    def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
+        """Largest error of a range: of forces over its largest so far, or what its law measures."""
+        ends = before, half.reached, second.reached, whole.reached
+        worst = 0.0
+        for rows, solver, own in zip(self.laws.rows, self.laws.solvers, self.largest, strict=True):
+            largest = max(float(own), WEAK * float(self.largest.max())) or 1.0
+            off = float(np.linalg.norm((second.found.forces - whole.found.forces)[rows])) / largest
+            worst = max(worst, solver.difference(off, ends, rows, largest))
+        return worst
+
+    def check(self, place: Reached) -> None:
+        """Check the memories."""
+        for solver in self.laws.solvers:
+            solver.check(place.memory, self.model.parameters.described(place.point))
+
+    def answer(self, solved: Solved) -> Answer:
+        """Answer of an increment."""
+        found = solved.found
+        reached = solved.reached
+        return Answer(
+            reached.point, self._unknown(solved.contact, found), found.forces, found.active, found.iterations,
+            found.status, found.projections > 0, self.model.fields, time=reached.time, gradient=solved.gradient,
+            memory=reached.memory, undetermined=self._undetermined(solved.contact, found),
+        )  # fmt: skip
+
+    def _undetermined(self, contact: CondensedContact, found: Together) -> np.ndarray | None:
+        """Motions that neither forces nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        kernel = contact.kernel
+        if kernel is None or found.status is not Status.CONVERGED:
+            return None
+        pressing = self.model.law.pressing(found.forces.size)
+        holding = kernel.equalities.bearing(np.where(pressing, found.forces, 0.0), contact.free_slack)
+        ways = kernel.equalities.left_open(np.where(pressing, holding, found.active))
+        return kernel.modes @ ways if ways.shape[1] else None
+
+    def advice(self, solved: Solved) -> Mapping[Status, str]:
+        """Rows that still change."""
+        found = solved.found
+        if found.status is Status.ADRIFT:
+            return {found.status: f"{self.model.law.name} do not bear its loads, or nothing presses on them"}
+        return {found.status: f"conditions {found.unsettled[:8].tolist()} change"} if found.unsettled.size else {}
+
+
+class RangesStep:
+    """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a point, (P,)."""
+
+    def __init__(self, law: Interface, before: Answer, point: np.ndarray, time: float):
+        self._laws = _Laws(law)
+        self._steps = self._laws.steps(before.memory, point, time - before.time)
+        self._forces = before.multipliers
+        self._equalities: SchurEqualities | None = None
+        self._schur = np.zeros((0, 0))
+        self._last: Together | None = None
+
+    def solved(
+        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        if equalities is not self._equalities:
+            self._equalities = equalities
+            self._schur = equalities.whole()
+        self._last = found = self._laws.on(self._schur).solve(free_slack, self._steps, self._forces)
+        self._forces = found.forces
+        return Statuses(found.forces, found.active, found.iterations, found.status, found.projections > 0)
+
+    def memory(self, unknown: np.ndarray) -> Memory:
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        assert self._last is not None
+        return self._laws.after(self._steps, self._last)
