@@ -251,7 +251,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
 def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Warn in advance of deficits in training and validation that no check of the model can find."""
     laws = compared_laws(full)
-    if laws is None and not full.problem.law.remembers:  # each step of an elastic load path is a point like any other
+    if not full.by_paths:  # each step of an elastic load path is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -262,7 +262,7 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
         )
     if laws is not None:
         laws.warn_of_training(full, snapshots)
-    _warn_of_held_out(held_out, laws is not None or full.problem.law.remembers)
+    _warn_of_held_out(held_out, full.by_paths)
 
 
 def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:

@@ -156,6 +156,11 @@ class AnsweringModel(Shown):
         return ROWS
 
     @property
+    def by_paths(self) -> bool:
+        """True if answers are made along paths: bodies have laws, or a contact remembers."""
+        return self.equilibrium is not None or self.law.remembers
+
+    @property
     def known_error(self) -> str:
         """One line on the errors that the answers of this model have, or the reason why they have none."""
         from hhr_dolfinx.models.estimates import known_error

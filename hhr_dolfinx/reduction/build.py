@@ -285,7 +285,7 @@ class HyperReduction(Reductor[Offline]):
             return None, None
         limits = self.limits
         found = compared(task, model, limits, self.remedy)
-        if limits is not None and not model.law.remembers and model.equilibrium is None:
+        if limits is not None and not model.by_paths:
             if task.full.problem.held_by_contact and model.fields.bound is not None:
                 check_comparison(compare_on_s(model), limits)
             warn_unbounded(model.fields)
@@ -309,7 +309,7 @@ STAGES = (
     Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
     Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
     Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
-          lambda full, recipe: not full.problem.varies and not full.law.remembers and full.equilibrium is None),
+          lambda full, recipe: not full.problem.varies and not full.by_paths),
 )  # fmt: skip
 """Stages of an attempt; a plug-in adds its own in its manifest."""
 

@@ -338,7 +338,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
         return
     full = task.full
     known = task.held_out
-    if known is None and (not model.fields.exact or full.law.remembers or full.equilibrium is not None):
+    if known is None and (not model.fields.exact or full.by_paths):
         known = task.snapshots
     elif known is None and task.sure:
         known = _fresh(full, task.sure)
