@@ -199,15 +199,12 @@ class ContactProblem:
     @cached_property
     def loads(self) -> csc_matrix:
         """T^T (F - K L) on free dofs in the middle of the box, thesis (1.22), sparse, (N, 1 + T)."""
-        return self.external - self._sum_in_the_middle(self.lift_terms)
+        return self.external - self._summed(self.lift_terms, self.weights(self.middle))
 
     @cached_property
     def pulled(self) -> csc_matrix:
         """K L of all dofs in the middle of the box, before dependent ones are eliminated, sparse, (N, 1 + T)."""
-        return self._sum_in_the_middle(self.pulls)
-
-    def _sum_in_the_middle(self, parts: Sequence[csc_matrix]) -> csc_matrix:
-        return self._summed(parts, self.weights(self.middle))
+        return self._summed(self.pulls, self.weights(self.middle))
 
     def _summed(self, parts: Sequence[csc_matrix], weights: np.ndarray) -> csc_matrix:
         """Sum of terms of parts of K, (N, 1 + T) each, by their weights, (Q,); all are 1 if K is constant."""

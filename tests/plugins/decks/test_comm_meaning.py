@@ -36,23 +36,15 @@ def group(name, item, kind="MA"):
     return f"GROUP_{kind} NOM={name}\n{item}\nFINSF\n"
 
 
+NAMES = ("LOWER", "M1"), ("UPPER", "M2"), ("FLOOR", "F1"), ("SLOW", "F2"), ("SUP", "F3"), ("LID", "F4")
+BODIES_AND_SIDES = "".join(group(name, item) for name, item in NAMES)
 SIDES = [*faces(1), *faces(11)]
 CUBES = (
     f"COOR_3D\n{cube(1, 0)}{cube(11, 10.02)}FINSF\nHEXA8\n"
     f"M1 {' '.join(f'N{1 + k}' for k in range(8))}\nM2 {' '.join(f'N{11 + k}' for k in range(8))}\nFINSF\nQUAD4\n"
     + "".join(f"F{k} {side}\n" for k, side in enumerate(SIDES, 1))
     + "FINSF\n"
-    + "".join(
-        group(name, item)
-        for name, item in (
-            ("LOWER", "M1"),
-            ("UPPER", "M2"),
-            ("FLOOR", "F1"),
-            ("SLOW", "F2"),
-            ("SUP", "F3"),
-            ("LID", "F4"),
-        )
-    )
+    + BODIES_AND_SIDES
     + group("ALLN", " ".join(f"N{k}" for k in (*range(1, 9), *range(11, 19))), "NO")
     + group("EDGE", "N15 N16", "NO")
     + "FIN\n"
@@ -327,17 +319,7 @@ def test_a_mesh_that_a_command_changes_is_left(words, kept, tmp_path):
 PLANE = (
     "COOR_2D\nN1 0 0\nN2 1 0\nN3 1 1\nN4 0 1\nN5 0 1\nN6 1 1\nN7 1 2\nN8 0 2\nFINSF\n"
     "QUAD4\nM1 N1 N2 N3 N4\nM2 N5 N6 N7 N8\nFINSF\nSEG2\nF1 N1 N2\nF2 N3 N4\nF3 N5 N6\nF4 N7 N8\nFINSF\n"
-    + "".join(
-        group(name, item)
-        for name, item in (
-            ("LOWER", "M1"),
-            ("UPPER", "M2"),
-            ("FLOOR", "F1"),
-            ("SLOW", "F2"),
-            ("SUP", "F3"),
-            ("LID", "F4"),
-        )
-    )
+    + BODIES_AND_SIDES
     + group("RIM", "N7", "NO")
     + group("ALLN", "N1 N4 N5 N8", "NO")
     + "FIN\n"
