@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+RECORD = Path(__file__).parent / "slow_report.json"
 
 
 def slice_of(text):
@@ -25,17 +26,26 @@ def slice_of(text):
 
 
 def unit(nodeid):
-    """Group of tests that share fixtures: the name of a test function in its file, all of its cases together."""
-    return nodeid.partition("[")[0] if "test_scripts.py" not in nodeid else nodeid
+    """Tests that a slice has or has not: a file, whose tests share fixtures; scripts, which share none, one by one."""
+    return nodeid if "test_scripts.py" in nodeid else nodeid.partition("::")[0]
 
 
-def in_slice(nodeid, index, count):
-    """True if a test belongs to a slice; each belongs to exactly one, which does not change with others."""
-    return int(hashlib.sha256(unit(nodeid).encode()).hexdigest(), 16) % count == index
+def planned(seconds, count):
+    """Slices of units, so that all take about as long: the dearest first, each into the slice that has least."""
+    slices, totals = {}, [0.0] * count
+    for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
+        slices[name] = totals.index(min(totals))
+        totals[slices[name]] += seconds[name]
+    return slices
+
+
+def slice_by_hash(name, count):
+    """Slice of a unit that no record has."""
+    return int(hashlib.sha256(name.encode()).hexdigest(), 16) % count
 
 
 class Record:
-    """Outcomes and seconds of tests by file, written when a session ends."""
+    """Outcomes and seconds of tests by file, of scripts one by one, written when a session ends."""
 
     def __init__(self, path):
         self.path = Path(path)
@@ -44,8 +54,7 @@ class Record:
 
     def pytest_runtest_logreport(self, report):
         """Count a test once: by its call, or by a set-up or an end that did not pass."""
-        file = report.nodeid.partition("::")[0]
-        row = self.files.setdefault(file, Counter())
+        row = self.files.setdefault(unit(report.nodeid), Counter())
         row["seconds"] += report.duration
         if report.when == "call" or not report.passed:
             row[report.outcome] += 1
@@ -88,11 +97,18 @@ def pytest_configure(config):
         config.pluginmanager.register(Record(config.getoption("--record")))
 
 
+def recorded(path=RECORD):
+    """Seconds of each unit in the last record of all slow tests; empty without one."""
+    files = json.loads(path.read_text())["files"] if path.exists() else {}
+    return {name: row["seconds"] for name, row in files.items()}
+
+
 def keep_slice(config, items):
     """Leave out tests of other slices."""
     if not (text := config.getoption("--slice")):
         return
     index, count = slice_of(text)
-    others = [item for item in items if not in_slice(item.nodeid, index, count)]
+    slices = planned(recorded(), count)
+    others = [item for item in items if slices.get(unit(item.nodeid), slice_by_hash(unit(item.nodeid), count)) != index]
     config.hook.pytest_deselected(items=others)
-    items[:] = [item for item in items if in_slice(item.nodeid, index, count)]
+    items[:] = [item for item in items if item not in set(others)]
