@@ -20,6 +20,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 
 HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
+SHEARS_ACROSS = (0, 2), (1, 2)
+"""Components of a tensor that shear across the plane."""
 
 
 def strain(u: Expr, hypothesis: str, poisson: float | Expr = 0.0) -> Expr:
@@ -47,6 +49,13 @@ def kelvin(e: Expr, hypothesis: str) -> Expr:
     """A symmetric 3x3 tensor in Kelvin's notation: 4 components, or 6 in space."""
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
     return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
+
+
+def of_kelvin(vector: Expr) -> Expr:
+    """The symmetric 3x3 tensor of 4 or 6 components in Kelvin's notation."""
+    xx, yy, zz, *rest = vector
+    xy, xz, yz = [shear / 2**0.5 for shear in rest] + [0.0] * (6 - len(vector))
+    return ufl.as_tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def lame_of(young: float | Expr, poisson: float | Expr) -> tuple[Expr, Expr]:
@@ -88,7 +97,29 @@ def stiffness(
 def stiffness_of_law(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
     """Bilinear form as :func:`stiffness` with a user-defined stress as a function of the strain, both 3x3."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
-    return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx
+    return weight * ufl.inner(law_in(stress_of, hypothesis)(strain(u, hypothesis)), strain(v, hypothesis)) * dx
+
+
+def law_in(stress_of: Callable[[Expr], Expr], hypothesis: str) -> Callable[[Expr], Expr]:
+    """A user-defined linear stress, a function of the strain, under a hypothesis.
+
+    In plane stress the strains across the plane, ε_zz, ε_xz and ε_yz, are those that make σ_zz, σ_xz and σ_yz zero.
+    """
+    return without_stress(stress_of, ((2, 2), *SHEARS_ACROSS)) if hypothesis == "plane_stress" else stress_of
+
+
+def without_stress(stress_of: Callable[[Expr], Expr], free: Sequence[tuple[int, int]]) -> Callable[[Expr], Expr]:
+    """A linear stress whose ``free`` components are zero: the strains of the same names are what makes them so."""
+    units = [ufl.as_tensor([[float({i, j} == {*pair}) for j in range(3)] for i in range(3)]) for pair in free]
+    stresses = [stress_of(unit) for unit in units]
+    stiffness = ufl.as_matrix([[stress[pair] for stress in stresses] for pair in free])
+
+    def relieved(e: Expr) -> Expr:
+        held = stress_of(e - sum(e[pair] * unit for pair, unit in zip(free, units, strict=True)))
+        amounts = -ufl.inv(stiffness) * ufl.as_vector([held[pair] for pair in free])
+        return held + sum(amounts[k] * stress for k, stress in enumerate(stresses))
+
+    return relieved
 
 
 def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:

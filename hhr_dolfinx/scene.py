@@ -304,7 +304,7 @@ class Scene(KnownArguments):
         return readers[0] if readers else ""
 
     def _check_shapes(self) -> None:
-        """Raise SceneError for shapes without a body, two shapes of one body, and shapes with a user-defined stress."""
+        """Raise SceneError for shapes without a body, and two shapes of one body."""
         tags = {body.tag: body for body in self.bodies}
         for place, shape in enumerate(self.shapes):
             shape.check(self.parameters, self.hypothesis)
@@ -313,13 +313,6 @@ class Scene(KnownArguments):
                     f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one shape for each of the "
                     f"bodies {sorted(tags)} that changes"
                 )
-        own = [body.tag for body in self.bodies if body.stress is not None]
-        others = self.reader or any(body.grading is not None or body.varies for body in self.bodies)
-        if own and (others or self.shapes or self.hypothesis == "plane_stress"):
-            raise SceneError(
-                f"bodies {own} of scene '{self.name}' have a stress of their own: that is built in where no body "
-                "has a law, no elasticity or shape depends on parameters or on the place, and not in plane stress"
-            )
 
     @property
     def named(self) -> set[str]:

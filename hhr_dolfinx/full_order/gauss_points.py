@@ -147,12 +147,14 @@ def eigenstress(
         )
     place = tags.index(tag)
     body = scene.bodies[place]
-    if body.stress is not None:
-        raise SceneError(f"body {tag!r} has a user-defined stress, and a load that is a strain of it is not built in")
     if scene.reader:
         return [(Formula("1"), np.zeros(discretisation.size))]
     hypothesis = scene.hypothesis
     dx = discretisation.cells(tag)
+    if body.stress is not None:
+        own = elasticity.law_in(body.stress, hypothesis)(strain)
+        work = ufl.inner(own, elasticity.strain(discretisation.arguments[1], hypothesis))
+        return [(Formula("1"), vector(elasticity.volume_weight(discretisation.mesh, hypothesis) * work * dx))]
     if discretisation.mean_dilatation[place]:  # the strain at the points at which the body evaluates its strain
         dx = dx(degree=discretisation.gauss_degree)
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)

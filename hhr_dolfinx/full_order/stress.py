@@ -50,8 +50,14 @@ def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Functio
     scene = discretisation.scene
     hypothesis = scene.hypothesis
     body = scene.bodies[place]
+    eigenstrain = None
+    if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
+        from hhr_dolfinx.full_order.gauss_points import eigenstrain_at
+
+        eigenstrain = eigenstrain_at(discretisation, place, point)
     if body.stress is not None:
-        return body.stress(elasticity.strain(field, hypothesis))
+        strain = elasticity.strain(field, hypothesis)
+        return elasticity.law_in(body.stress, hypothesis)(strain if eigenstrain is None else strain - eigenstrain)
     moduli: list[Any] = [body.young, body.poisson]
     if body.varies:
         from hhr_dolfinx.formulas import Scalar
@@ -64,14 +70,10 @@ def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Functio
         strain = volume.with_mean(strain, dilatation)
     if body.grading is not None:
         strain = body.grading(ufl.SpatialCoordinate(discretisation.mesh)) * strain
-    if any(hasattr(load, "eigenstrain_of") for load in scene.loads):
-        from hhr_dolfinx.full_order.gauss_points import eigenstrain_at
-
-        eigenstrain = eigenstrain_at(discretisation, place, point)
-        if eigenstrain is not None:
-            strain = strain - eigenstrain
-            if hypothesis == "plane_stress":
-                strain = volume.without_third_stress(strain, poisson)
+    if eigenstrain is not None:
+        strain = strain - eigenstrain
+        if hypothesis == "plane_stress":
+            strain = volume.without_third_stress(strain, poisson)
     shear = young / (2 * (1 + poisson))
     lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
     return lam * ufl.tr(strain) * ufl.Identity(3) + 2 * shear * strain

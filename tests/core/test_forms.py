@@ -149,7 +149,7 @@ def hooke(strain):
     return LAMBDA * ufl.tr(strain) * ufl.Identity(3) + 2 * SHEAR * strain
 
 
-@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_hookes_law_written_out(hypothesis):
     scene = pressed_block(hypothesis)
     one, two = (
@@ -179,6 +179,68 @@ def test_layers_across_the_load_are_as_stiff_as_they_are():
     assert strain == pytest.approx(shorter / np.ptp(y), rel=1e-9)
 
 
+SHAPE = ("x", "y + push * y * (1 - y) * x")
+"""Of the lower block, whose surfaces stay where they are."""
+OTHERS = {
+    "modulus": (lambda body: dataclasses.replace(body, young="2 + 10 * push"), {}),
+    "ratio": (lambda body: dataclasses.replace(body, poisson="0.2 + push"), {}),
+    "grading": (lambda body: dataclasses.replace(body, grading=lambda x: 1 + 0.1 * x[0]), {}),
+    "shape": (lambda body: body, {"shapes": lambda: (hhr.Shape(two_blocks.FIRST, SHAPE),)}),
+    "heat": (lambda body: body, {"loads": lambda: (hhr.ThermalExpansion(two_blocks.SECOND, 1e-2, slope("load")),)}),
+    "yield": (lambda body: dataclasses.replace(body, law=hhr.Plasticity(0.05, 0.3)), {}),
+    "yield and heat": (
+        lambda body: dataclasses.replace(body, law=hhr.Plasticity(0.05, 0.3)),
+        {"loads": lambda: (hhr.ThermalExpansion(two_blocks.SECOND, 1e-2, slope("load")),)},
+    ),
+}
+
+
+@needs("inelastic", "moduli", "shapes", "volume_loads")
+@pytest.mark.parametrize(
+    ("hypothesis", "other"),
+    [
+        *((flat, name) for flat in ("plane_strain", "plane_stress") for name in OTHERS),
+        ("axisymmetric", "yield and heat"),
+    ],
+)
+def test_hookes_law_written_out_beside_what_other_bodies_have(hypothesis, other):
+    """The upper body says its elasticity itself; round-off, times what a step of plasticity leaves to Newton."""
+    changed, parts = OTHERS[other]
+    moduli = {"stress": lambda strain: 5 * (0.3 / 1.3 / 0.4 * ufl.tr(strain) * ufl.Identity(3) + strain / 1.3)}
+    found = []
+    for own in ({}, moduli):
+        bodies = changed(hhr.Body(two_blocks.FIRST, 3.0, 0.3)), hhr.Body(two_blocks.SECOND, 5.0, 0.3, **own)
+        given = {name: made() for name, made in parts.items()}
+        full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, **given), MPI.COMM_SELF)
+        found.append(full.solve(full.parameters.point({"push": 0.05, "slide": 0.01, "load": 0.1, "gap": 0.001})))
+    one, two = found
+    assert one.forces().max() > 0.01
+    check_like(two, one, displacement=1e-9, stress=1e-9, forces=1e-9)
+
+
+MONOCLINIC = np.array(
+    [
+        *([4.0, 1.0, 1.0, 0.0, 0.5, 0.3], [1.0, 3.0, 1.0, 0.0, 0.4, 0.2], [1.0, 1.0, 5.0, 0.0, 0.6, 0.1]),
+        *([0.0, 0.0, 0.0, 2.0, 0.0, 0.0], [0.5, 0.4, 0.6, 0.0, 3.0, 0.3], [0.3, 0.2, 0.1, 0.0, 0.3, 2.0]),
+    ]
+)
+"""A stiffness in Kelvin's notation: pulled in the plane, a body shears across it."""
+
+
+def test_plane_stress_of_any_linear_law_has_no_stress_across():
+    """A column that nothing holds sideways has one over the entry of its compliance for a modulus; round-off."""
+
+    def coupled(strain):
+        return elasticity.of_kelvin(ufl.as_matrix(MONOCLINIC.tolist()) * elasticity.kelvin(strain, "solid"))
+
+    scene = with_bodies(pressed_block("plane_stress"), stress=coupled)
+    answer = hhr.FullOrderModel(scene, MPI.COMM_SELF).solve(0.05)
+    stress = answer.stress()
+    assert np.abs(stress[:, [0, 2, 3]]).max() < 1e-12
+    strain = (0.05 - 0.01) / 2.0
+    assert stress[:, 1] == pytest.approx(-strain / np.linalg.inv(MONOCLINIC)[1, 1], rel=1e-10)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -194,9 +256,7 @@ def test_what_is_not_built_in_is_refused(change, message):
 
 
 @needs("stress")
-def test_plane_stress_and_outputs_that_need_moduli():
-    with pytest.raises(SceneError, match=r"a stress of their own: .* not in plane stress"):
-        with_bodies(pressed_block("plane_stress"), stress=hooke)
+def test_outputs_that_need_moduli():
     scene = with_bodies(pressed_block("plane_strain"), stress=hooke)
     with pytest.raises(SceneError, match=r"output 'stress': body .* has a stress of its own"):
         hhr.FullOrderModel(dataclasses.replace(scene, outputs=(hhr.VonMises("stress", block.SOLID),)))

@@ -18,7 +18,7 @@ from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box, parameters_of
-from hhr_dolfinx.plugins.inelastic.laws import Elasticity
+from hhr_dolfinx.plugins.inelastic.laws import Elasticity, LinearStress
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
@@ -46,6 +46,8 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
         young = body.young if isinstance(body.young, str) else float(body.young)
         flat = scene.hypothesis == "plane_stress"
         stated = Elasticity() if body.law is None and flat else body.law
+        if body.stress is not None:
+            stated = LinearStress(body.stress)
         law = None if stated is None else stated.at_points(operator.components, plane_stress=flat)
         if law is not None and law.elastic and isinstance(young, str):
             raise SceneError(f"body {body.tag} has elasticity of its own, {law.name}: its young must be a number")

@@ -8,7 +8,7 @@ history has the constants of the parameter at its end. For a user-defined law se
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -18,6 +18,8 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic.law import AT_LEAST_ONE, NOT_NEGATIVE, NUMBER, POSITIVE, TENSOR, Law
 
 if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
     from hhr_dolfinx.forms.laws import At, Stated
 
 _AMOUNT = {"amount": NUMBER}
@@ -391,6 +393,27 @@ class Elasticity(Law):
         from hhr_dolfinx.forms.laws import Stated, hooke
 
         return Stated(hooke(at.strain, at.constants))
+
+
+@dataclass(frozen=True)
+class LinearStress(Law):
+    """User-defined linear elasticity of a body beside others with laws: the stress as a function of the strain."""
+
+    stress_of: Callable[[Expr], Expr]  # both (3, 3), in UFL
+    elastic: ClassVar[bool] = True
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`; nothing outside of the strain of the hypothesis is strained."""
+        from hhr_dolfinx.forms.elasticity import kelvin, of_kelvin
+        from hhr_dolfinx.forms.laws import Stated
+
+        return Stated(kelvin(self.stress_of(of_kelvin(at.strain)), "solid" if len(at.strain) > 4 else ""))
+
+    def in_plane_stress(self) -> Law:
+        """See :class:`Law`; strains that shear across the plane are those without a stress too."""
+        from hhr_dolfinx.forms.elasticity import SHEARS_ACROSS, without_stress
+
+        return super(LinearStress, LinearStress(without_stress(self.stress_of, SHEARS_ACROSS))).in_plane_stress()
 
 
 @dataclass(frozen=True)
