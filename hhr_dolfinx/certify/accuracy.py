@@ -124,7 +124,9 @@ def contact_residuals(
         idle = rows.of(problem.kernel.idle)
         residual = residual - idle @ rows.sum(idle.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than the forces on a body
-    scale = max(norm(problem.external @ theta), norm(contact_load)) or norm(load)
+    scale = max(norm(problem.external @ theta), norm(contact_load))
+    if scale <= ROUND_OFF * norm(load):  # nothing presses: forces are zero but for round-off
+        scale = norm(load)
     left = residual * rows.of(problem.free)
     equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta, opened))

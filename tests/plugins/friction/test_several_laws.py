@@ -387,3 +387,12 @@ def test_moduli_may_be_parameters():
     for model in (full, hhr.condense(full)):
         for one, other in zip(expected, model.march(path).answers, strict=True):
             assert np.abs(one.forces() - other.forces()).max() <= 1e-9 * np.abs(one.forces()).max()
+
+
+@needs("conformance")
+@pytest.mark.parametrize("law", [hhr.Coulomb(0.3), hhr.Tresca(0.01), hhr.Tresca(0.1)])
+def test_friction_keeps_the_contract_of_laws(law):
+    """At the end of its path the contact is open: forces of round-off are no scale for a residual."""
+    from hhr_dolfinx.testing import check_contact_law
+
+    check_contact_law(law)
