@@ -48,7 +48,8 @@ NEUTRAL = 1e-6
 PARTS_OF_ESTIMATE = {"bound": 1.0, "estimate": 2.0}
 """Most of an error over its estimate, by the kind of estimate; indicators promise nothing."""
 STEPS = (3e-4, 3e-5, 3e-6)
-"""Steps of differences over the range of a parameter: the first that meets no kink is taken."""
+"""Steps of differences over the range of a parameter: the first that meets no kink is taken. A contact that opens is
+seen by its force, a point that yields by a change with the step."""
 OUTPUTS = ("force", "sunk", "moved")
 """Outputs of all drafts."""
 TIGHT = {
@@ -294,8 +295,7 @@ def gradient(case: Case) -> float:
     outputs = history.answers[-1].outputs()
     lower, upper = np.array(case.full.parameters.lower), np.array(case.full.parameters.upper)
     found = [np.asarray(outputs.gradient[name]) * (upper - lower) for name in OUTPUTS]
-    closed = contact_of(history.answers)
-    expected = np.transpose([slopes(case, closed, width) for width in np.diag(upper - lower)])
+    expected = differences(case, contact_of(history.answers), np.diag(upper - lower))
     error = max(difference([one], [other]) for one, other in zip(found, expected, strict=True))
     if error > SLOPES and getattr(outputs, "one_sided", False):
         raise Unknown(f"derivatives are told to be one-sided; differences are {error:.2g} off")
@@ -307,21 +307,36 @@ def contact_of(answers: Sequence[Any]) -> np.ndarray:
     return np.array([np.sign(answer.forces()) for answer in answers])
 
 
-def slopes(case: Case, closed: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Derivatives of outputs along a range, (P,), times that range, by a step that meets no kink.
+def differences(case: Case, closed: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Derivatives of outputs, (outputs, P), times ranges, (P, P) diagonal, by a step that meets no kink.
 
     Raises:
-        Unknown: if contacts open or close within the smallest step.
+        Unknown: if contacts open or close, or points yield, within the smallest steps.
     """
+    before: np.ndarray | None = None
     for step in STEPS:
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = [(time, point + sign * step * width) for time, point in case.path]
-            ends.append(case.full.march(moved, hhr.MarchSettings(**TIGHT)).answers)
-        if all(np.array_equal(contact_of(one), closed) for one in ends):
-            values = [[one[-1].outputs()[name] for name in OUTPUTS] for one in ends]
-            return np.subtract(*values) / (2 * step)
-    raise Unknown("contacts open or close within the step of differences")
+        columns = [slopes(case, closed, width, step) for width in widths]
+        if any(column is None for column in columns):
+            continue
+        found = np.transpose(columns)
+        if before is not None:
+            pairs = zip(found, before, strict=True)
+            if max(difference([one], [other]) for one, other in pairs) <= SLOPES:
+                return found
+        before = found
+    raise Unknown("contacts open or close, or points yield, within the step of differences")
+
+
+def slopes(case: Case, closed: np.ndarray, width: np.ndarray, step: float) -> np.ndarray | None:
+    """Derivatives of outputs along a range, (P,), times that range; None if a contact opens or closes."""
+    ends = []
+    for sign in (1.0, -1.0):
+        moved = [(time, point + sign * step * width) for time, point in case.path]
+        ends.append(case.full.march(moved, hhr.MarchSettings(**TIGHT)).answers)
+    if not all(np.array_equal(contact_of(one), closed) for one in ends):
+        return None
+    values = [[one[-1].outputs()[name] for name in OUTPUTS] for one in ends]
+    return np.subtract(*values) / (2 * step)
 
 
 def _model(name: str) -> Callable[[Case], float]:
