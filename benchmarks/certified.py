@@ -1,8 +1,8 @@
 """Answers that know their error: bounds beside errors on random points, and a model that falls back on the full one.
 
-Reduced models of the half-discs, the pellet, the sphere, the pellet with its materials as parameters (six in all) and a
-press fit with its shape as parameters are asked at random points that they have never seen. Each answer has a bound of
-its displacement, in energy, of its contact forces, in the S norm and as users read them, nodal forces in the Euclidean
+Reduced models of the half-discs, the pellet, the sphere, the pellet with its materials as parameters (six in all), and
+a condensed one of a press fit with its shape as parameters, are asked at random points that they have never seen. Each
+answer has a bound of its displacement, in energy, of its contact forces, in the S norm and as users read them, nodal forces in the Euclidean
 norm, and of the largest error of a pressure (docs/bounds.md); where the shape varies it is an estimate, as nothing is
 proved of the interpolation in it. Beside the true errors the report has how many exceed their bound (none should), the
 effectivity, that is bound over error, and whether bounds rank as errors do. Poor models
@@ -71,13 +71,16 @@ def scenes(quick: bool) -> dict[str, Scene]:
     }  # fmt: skip
     if not quick:
         found["sphere"] = Scene(sphere_on_block.scene(), sphere_on_block.TRAINING)
-        # on a coarse mesh: each of a thousand shapes is a mesh to assemble
-        found["shape"] = Scene(press_fit.scene(**press_fit.QUICK_MESH), hhr.Sobol(96), thesis=False)
+    # on a coarse mesh: each of a thousand shapes is a mesh to assemble
+    shapes = hhr.Sobol(16 if quick else 96)
+    found["shape"] = Scene(press_fit.scene(**press_fit.QUICK_MESH), shapes, thesis=False)
     return found
 
 
 def models(training: Training, how: Scene) -> dict[str, Any]:
-    """The usual model, the thesis', and one of a tenth of the training."""
+    """The usual model, the thesis', and one of a tenth of the training; where shapes vary the condensed one alone."""
+    if how.scene.shapes:
+        return {"usual": training.condense()}
     few = training.snapshots.take(slice(None, None, 10))
     found = {"usual": training.build(how.recipe, checked=False)}
     if how.thesis:
