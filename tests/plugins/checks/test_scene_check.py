@@ -169,6 +169,7 @@ def test_a_load_that_reaches_nothing_is_a_mistake():
     assert "ThermalExpansion on 1 reaches nothing" in mistake
 
 
+@needs("floating")
 def test_bodies_held_by_contact_are_named_with_their_motions():
     """The block that lies on the other may slide, which nothing drives."""
     notes = texts(check_scene(lying(bulge=0.0)), NOTE)
@@ -187,7 +188,7 @@ def test_a_body_that_nothing_holds_and_that_touches_another_one():
     assert any(re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text) for text in texts(found, NOTE))
 
 
-@needs("nonmatching")
+@needs("floating", "nonmatching")
 def test_idle_parameters_and_names():
     scene = your_scene.scene()
     wider = hhr.ParameterSpace(("travel", "lowered", "heat"), (0.05, 0.0, 0.0), (1.0, 0.3, 1.0))

@@ -357,7 +357,7 @@ def test_a_curved_tool_presses_a_node(tool, tmp_path):
     assert (answer.forces() > 0).sum() == 1
 
 
-@needs("obstacles")
+@needs("floating", "obstacles")
 def test_a_tool_of_rigid_elements(tmp_path):
     """A roof above the upper block, whose ridge comes down by 0.1, presses its middle; at a crease one side counts."""
     tool = (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from deck_texts import bar, blocks, started_file
 from deck_writer import Writer, at
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.loading import beside, scene_of
@@ -86,6 +87,7 @@ def test_a_set_with_membranes_too(tmp_path):
     assert moved[tip, 0].mean() == pytest.approx(1e-4 * 4 * 60, rel=1e-9)
 
 
+@needs("floating")
 def test_one_body_of_two(tmp_path):
     """A body with one temperature keeps a number; nodes that coincide with hot ones of the other body stay cold."""
     hot = "".join(f"{1001 + k}, {50.0 + k!r}\n" for k in range(32))

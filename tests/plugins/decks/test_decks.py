@@ -106,6 +106,7 @@ def test_repeated_rows(rows, moved, tmp_path):
     assert end(*solved(scene))[0] == pytest.approx(moved, rel=1e-9)
 
 
+@needs("floating")
 @pytest.mark.parametrize(("upper", "kind"), [((3, 3, 1), hhr.Mortar), ((2, 2, 1), hhr.NodeToNode)])
 def test_pressed_blocks(upper, kind, tmp_path):
     """A pressure of 10 passes through, by names that capitals do not change."""
@@ -117,6 +118,7 @@ def test_pressed_blocks(upper, kind, tmp_path):
     assert answer.outputs()["largest pressure 0"] == pytest.approx(10.0)
 
 
+@needs("floating")
 def test_a_traction_and_three_parameters_at_most(tmp_path):
     """Tractions of 10 along (0, 0, -2) / 2 at most: what is beyond three parameters stays a number."""
     step = "*DSLOAD\nUPPER_TOP, TRVEC, 4., 0., 0., -2.\n" + "*DSLOAD, OP=MOD\nUPPER_TOP, P, 1.\n"
@@ -264,6 +266,7 @@ def test_gap_elements_to_the_ground(held, tmp_path):
         assert "*GAP: no counterpart: a gap between a whole flat side of a body and a ground" in output
 
 
+@needs("floating")
 def test_a_rigid_plane_that_moves(tmp_path):
     """Rigid elements at z = 4.2 move down by .3: the upper block is pressed by .1 over two lengths, p = E .1 / 2."""
     tool = ("*NODE\n9001, -1., -1., 2.2\n9002, 2., -1., 2.2\n9003, 2., 2., 2.2\n9004, -1., 2., 2.2\n9009, 0., 0., 3.\n"
@@ -275,6 +278,7 @@ def test_a_rigid_plane_that_moves(tmp_path):
     assert answer.forces()[full.problem.pressing_of(1)].sum() == pytest.approx(50.0, rel=1e-8)
 
 
+@needs("floating")
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_rigid_line(turned, tmp_path):
     """A square of plane strain, E = 1000 and nu = 0, pressed by 10 onto a straight profile below or above."""
@@ -330,7 +334,7 @@ BASE, FLOOR
 """
 
 
-@needs("second_order")
+@needs("floating", "second_order")
 @pytest.mark.parametrize(
     ("kind", "thickness", "load", "total"),
     [("CPE8", "", "LID, 2, -1.", 3.0), ("CPS8R", "0.5", "CORNERS, 2, -1.", 4.0), ("CAX8", "0.01", "LID, 2, -1.", 3.0),
@@ -450,7 +454,7 @@ def test_many_forces_are_one_load(tmp_path):
     assert moved == pytest.approx(sum(value * ((k - 1) % 5) for k, value in forces.items()) / 1000, rel=1e-9)
 
 
-@needs("exporters")
+@needs("exporters", "floating")
 def test_our_own_decks_come_back(tmp_path):
     """Forces and supports of our export are numbers of nodes: the same contact forces as of the scene."""
     from hhr_dolfinx.plugins.exporters.deck import write_deck
@@ -568,6 +572,7 @@ def test_a_file_that_is_there_stays(tmp_path):
     assert code == 3 and "is a folder: name a deck" in output
 
 
+@needs("floating")
 def test_a_part_in_two_instances(tmp_path):
     """A section in a part is one of each of its instances; the upper cube presses the lower one, u = -2 p / E."""
     part = ["*PART, NAME=CUBE", *block_lines("CUBE", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1, 1, 1))]

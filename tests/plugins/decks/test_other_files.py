@@ -43,6 +43,7 @@ def started(folder, load, more="", **blocks_like):
     return code, output, (scene_of(str(folder / "run.py")) if code == 0 else None)
 
 
+@needs("floating")
 @pytest.mark.parametrize(
     ("load", "name", "pressure"),
     [('PRES_REP=_F(GROUP_MA="UPPER_TOP", PRES=10.0)', "pressure", 10.0),
@@ -89,7 +90,7 @@ FIN
 """
 
 
-@needs("mesh_formats")
+@needs("floating", "mesh_formats")
 @pytest.mark.parametrize("moved", [0.0, 0.05])
 def test_a_rigid_line_without_cells_is_an_obstacle(moved, tmp_path):
     """A square falls by 0.1 less the motion of the line, and is shortened by p / E: the line bears p.
@@ -146,6 +147,7 @@ def test_mistakes_in_command_files(change, why, tmp_path, monkeypatch):
     assert code == 3 and "--mesh part.med" in output
 
 
+@needs("floating")
 def test_a_mesh_without_physics(tmp_path):
     """Two blocks: surfaces that face each other, a support below and a pressure of 1 above, which passes through."""
     (tmp_path / "part.inp").write_text(mesh_of(blocks("", gap=0.001)))

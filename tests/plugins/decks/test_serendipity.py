@@ -84,7 +84,7 @@ def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
     assert not scene.constraints
 
 
-@needs("friction")
+@needs("floating", "friction")
 def test_a_body_that_contact_holds(tmp_path):
     """A cube on another one, pressed and pulled at a corner; CalculiX has a penalty, and 27 nodes are 0.6 % off."""
     entry = next(one for one in ENTRIES if one.source == "contact5")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs import needs
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -33,6 +34,7 @@ def column(folder, end="FIXED_END", side="SYMMETRY_X"):
     return path
 
 
+@needs("floating")
 @pytest.mark.parametrize("end", ["FIXED_END", "symmetry_z"])
 def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     """The bolt is shortened and pressed, and its force is that of the pressure; contact alone holds the cap."""
@@ -57,6 +59,7 @@ def test_names_lead_to_a_scene_that_runs(end, tmp_path):
     assert force == pytest.approx(10.0, rel=1e-9)
 
 
+@needs("floating")
 def test_symmetry_alone_does_not_hold_a_body(tmp_path):
     """Planes of symmetry along x and y: along z the far end of the column is held, and the lid guided."""
     code, output = invoke("start", column(tmp_path, "FOOT"))
@@ -109,6 +112,7 @@ def test_a_check_takes_the_sides_of_a_section_and_springs_as_used(tmp_path):
     assert "body 'BOLT' is made of 2 pieces" in output and "hold every body" in output
 
 
+@needs("floating")
 def test_sides_of_bodies_where_the_file_names_no_surface(tmp_path):
     """The sides that touch are the top of the bolt and the foot of the cap; the pressure on the lid passes through."""
     path = column(tmp_path)
@@ -190,6 +194,7 @@ def plates(folder, thickness=1.0, gap=0.002, named=(("LOWER", 1), ("UPPER", 3)))
     return path
 
 
+@needs("floating")
 @pytest.mark.parametrize("thickness", [1.0, 0.004])
 def test_sides_that_look_away_from_each_other_are_no_pair(thickness, tmp_path):
     """The floor of the lower plate and the lid of the upper one: sides of the bodies touch, and 2 p passes through.

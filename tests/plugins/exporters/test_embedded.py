@@ -248,7 +248,7 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
             c_header.c_header(hhr.condense(scene), name)
 
 
-@needs("friction")
+@needs("floating", "friction")
 def test_other_models_are_refused_by_name(monkeypatch):
     with pytest.raises(NotOfferedError, match="contact alone holds without friction"):
         c_header.c_header(hhr.condense(contract.blocks(free=True, friction=0.1)), "press")
@@ -283,6 +283,7 @@ def unit_of(tmp_path_factory):
     return made
 
 
+@needs("floating")
 @compiled
 @pytest.mark.parametrize("name", marked(*UNITS))
 def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
@@ -303,6 +304,7 @@ FEW = [pytest.param(name, marks=needs("friction")) for name in ("formula and lim
 ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 
 
+@needs("floating")
 @compiled
 @pytest.mark.parametrize("name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
 def test_a_unit_runs_in_fmpy(name, unit_of):

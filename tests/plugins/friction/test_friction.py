@@ -154,6 +154,7 @@ def test_all_that_slips_bears_coulomb_whatever_the_pairing(kind):
         np.testing.assert_allclose(answer.slip.work, 0.3 * answer.slip.wear * full.problem.law.area, rtol=1e-9)
 
 
+@needs("floating")
 def test_a_plate_on_a_plane():
     """SSNV128 of code_aster (V6.04.128), a mean of several codes, which it gives to 5 %; 0.2 % at these places."""
     full = hhr.FullOrderModel(benchmark.plate(32), MPI.COMM_SELF)
@@ -382,6 +383,7 @@ def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
         assert abs(found - exact) < 0.02 * abs(exact)
 
 
+@needs("floating")
 @pytest.mark.parametrize("last", [False, True])
 def test_a_pair_that_never_touches_takes_no_friction(last):
     """Another pair names the same nodes, a tangent of one is the normal of the other: an open contact bears nothing."""
@@ -505,6 +507,7 @@ def test_models_say_whether_there_is_one_answer(coefficient, said, tmp_path):
     assert shown.exit_code == 0 and f"answers with friction: {said}\n" in shown.output
 
 
+@needs("floating")
 def test_the_uniqueness_of_bodies_that_contact_holds_is_unknown():
     full = hhr.FullOrderModel(inclined(0.2))
     assert full.uniqueness(full.parameters.middle) == "unknown"
@@ -680,6 +683,7 @@ def test_cells_of_either_side_say_what_is_far():
         hhr.condense(both).march([(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.01, 0.04))])
 
 
+@needs("floating")
 @pytest.mark.parametrize("make", [hhr.FullOrderModel, hhr.condense], ids=["full", "condensed"])
 def test_a_motion_that_friction_leaves_open_has_no_bound(make):
     """Held by contact alone a block hangs in the air; pushed down and a little aside it sticks: nothing is open."""

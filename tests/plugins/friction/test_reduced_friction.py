@@ -185,6 +185,7 @@ def test_moduli_are_eliminated_once_along_a_path():
     assert np.linalg.norm(found.forces() - exact.forces()) < 1e-3 * np.linalg.norm(exact.forces())
 
 
+@needs("floating")
 def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
     """A body that contact alone holds: modes without its motions must tell the forces of all rows apart.
 

@@ -264,7 +264,7 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
     assert search._unresolved(model) >= worst(model, full, 200, ["pressure"])["pressure"] > 1e-5
 
 
-@needs("moduli")
+@needs("floating", "moduli")
 def test_what_is_never_offered_is_tried_once():
     """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
     model = hhr.reduce(contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)}), 0.05, of="forces")

@@ -34,7 +34,7 @@ def test_a_box_without_equilibrium_is_given_up_with_its_reason():
     assert caught.value.reduction.full_answers == 16
 
 
-@needs("moduli")
+@needs("floating", "moduli")
 def test_a_training_that_must_fail_ends_early():
     """Nine of ten points have no equilibrium, and a training needs half of its own."""
     with pytest.raises(StudyError, match="too few points of the box") as caught:

@@ -283,7 +283,7 @@ def loose():
     )
 
 
-@needs("nonmatching")
+@needs("floating", "nonmatching")
 @in_node
 def test_derivatives_of_what_contact_does_not_hold():
     """What no contact holds moves as little as it may."""
@@ -410,6 +410,7 @@ def test_a_name_is_no_marker_and_ends_no_script():
 HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.1))  # noqa: E731
 
 
+@needs("floating")
 @pytest.mark.parametrize(
     ("make", "said"),
     [
