@@ -136,7 +136,8 @@ class Scene(KnownArguments):
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
         system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
-            bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
+            bodies without shapes; None for the elasticity of the bodies. It states K of all dofs, to which constraints
+            and springs are added. Reductions that cannot read its K refuse it.
         parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
         constraints: equations between displacements, each an item that the tool ``constraints`` reads,
             such as ties, which a plug-in adds.
@@ -198,14 +199,8 @@ class Scene(KnownArguments):
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
-        if self.system is not None and (not callable(self.system) or self.shapes or self.reader):
-            raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
+        self._check_system()
         self._check_shapes()
-        springs = any(hasattr(load, "stiffness") for load in self.loads)
-        if (self.constraints or springs) and self.system is not None:
-            raise SceneError(
-                f"scene '{self.name}' has constraints or springs, and a system of its own: state them in its K"
-            )
         if self.reader:
             laws_of_scenes(self.reader).check_scene(self)
         if not self.contacts:
@@ -302,6 +297,22 @@ class Scene(KnownArguments):
         if len(readers) > 1:
             raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")
         return readers[0] if readers else ""
+
+    def _check_system(self) -> None:
+        """Raise SceneError for a system beside what states K too."""
+        if self.system is None:
+            return
+        if not callable(self.system):
+            raise SceneError(f"system = {self.system!r} must make a System: a subclass, or a function of its arguments")
+        whole = "K of all bodies"
+        for present, what, why in (
+            (self.reader, "laws of bodies", f"a law states the stress of its body, and a system {whole}"),
+            (self.shapes, "shapes", f"K is assembled on the mesh of each point, and a system states {whole} on one"),
+        ):
+            if present:
+                raise SceneError(
+                    f"scene '{self.name}' has {what} and a system of its own: {why}. Leave one of them out"
+                )
 
     def _check_shapes(self) -> None:
         """Raise SceneError for shapes without a body, and two shapes of one body."""

@@ -34,9 +34,8 @@ from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle
 from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.eliminated import Eliminated
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts, unresisted
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
-from hhr_dolfinx.full_order.system import middle_stiffness
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.parameters import Tag
@@ -44,6 +43,7 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
+    from hhr_dolfinx.full_order.system import UserSystem
 
 
 class Discretisation(DiscreteSpace):
@@ -70,13 +70,15 @@ class Discretisation(DiscreteSpace):
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
         uneven = any(body.varies or body.grading is not None for body in self.scene.bodies)
-        if not uneven and self.springs is None:
+        # a user-defined system knows no springs: they are added to its K
+        springs = None if self.scene.system is not None else self.springs
+        if not uneven and springs is None:
             return (self.own_rows(self.assemble_stiffness()),), ()
         from hhr_dolfinx.full_order.varying import stiffness_terms, with_springs
 
         found = stiffness_terms(self) if uneven else ((self.own_rows(self.assemble_stiffness()),), ())
         names = self.scene.parameters.names
-        return found if self.springs is None else with_springs(names, self.springs, *found, self.rows.start)
+        return found if springs is None else with_springs(names, springs, *found, self.rows.start)
 
     @cached_property
     def springs(self) -> np.ndarray | None:
@@ -258,12 +260,12 @@ class Discretisation(DiscreteSpace):
         """Terms of all loads on the current mesh."""
         return [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
 
-    def checked(self, problem: ContactProblem) -> ContactProblem:
-        """The problem with the kernel of K; checks for errors that only the whole scene shows."""
+    def checked(self, problem: ContactProblem, user: UserSystem | None = None) -> ContactProblem:
+        """The problem with the kernel of K, of bodies or a user; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem, bodies, self.springs)
-        if free and self.scene.system is not None:
-            free = unresisted(free, problem, middle_stiffness(problem, self.scene.system))
+        if free and user is not None:
+            free = user.left_free(free, problem)
         if free:
             if "kernel" not in registry.named("tools"):
                 why = registry.remedy("tools", "kernel")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import nullcontext
 from copy import copy
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -17,11 +16,11 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
-from hhr_dolfinx.errors import HHRError, NotOfferedError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import System, check_parts, system_of
+from hhr_dolfinx.full_order.system import System, UserSystem, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -107,15 +106,18 @@ class FullOrderModel(FullModel):
         problem = discretisation.contact_problem(stiffness, moduli)
         if discretisation.reshaped is not None:
             problem = discretisation.reshaped.attached(problem)
-        with self._of_user():
-            self.problem = problem = discretisation.checked(problem)
+        user: UserSystem | None = None
+        if self.scene.system is not None:
+            given = registry.tool("systems", f"scene '{self.scene.name}', which has a system of its own,")
+            user = given(self.scene, stiffness, discretisation.springs)
+        self.problem = problem = discretisation.checked(problem, user)
         self.parameters = problem.parameters
         self.law = problem.law
         few = self.has_room(problem.free.size)
         self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
-        with self._of_user():
-            self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
+        makers = lambda: self.stiffness, self._stiffness_of
+        self.system = system_of(problem, *makers) if user is None else user.system(problem, *makers)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of bodies with laws
         # are used for whole load paths
@@ -125,9 +127,8 @@ class FullOrderModel(FullModel):
         ordering = "mumps" if anew else "qmd"
         self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         self.stiffness = self._middle()
-        if self.scene.system is not None:
-            with self._of_user():
-                self._take_parts()
+        if user is not None:
+            self.problem, self.stiffness = user.read(self.system, problem)
         matrix = self.stiffness.matrix
         with self.store.of(matrix) as factors:
             check_regular(problem, matrix, factors.solve, self.scene.name)
@@ -138,42 +139,6 @@ class FullOrderModel(FullModel):
         if problem.kernel is not None:
             self.advice[Status.ADRIFT] = f"hold it by a displacement, or push it: {problem.kernel.described}"
 
-    def _take_parts(self) -> None:
-        """Make a user-defined system readable for reductors: K in the middle of the box, and parts of the problem."""
-        at = self.system.at(self.problem.middle)
-        stiffness = at.stiffness
-        own = self.problem.rows.stop - self.problem.rows.start
-        if at.loads.shape != (own,):
-            raise SceneError(
-                f"loads of the system of scene '{self.scene.name}' have the shape {at.loads.shape}: those of the "
-                f"{own} local rows are needed, problem.spread.of(loads)"
-            )
-        if not isinstance(stiffness, SparseStiffness):
-            raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
-        self.stiffness = stiffness
-        problem = self.problem
-        moduli, matrices = self.system.parts() or ((), ())
-        pulls = tuple(problem.stacked(csr_matrix(matrix @ problem.lifts)) for matrix in matrices)
-        self.problem = replace(problem, moduli=moduli, stiffness_terms=matrices, pulls=pulls)
-        if matrices:
-            check_parts(self.system, self.problem, self.scene.name)
-
-    @contextmanager
-    def _of_user(self) -> Iterator[None]:
-        """On several ranks errors of a user-defined system name the ranks; on one they keep their traceback."""
-        try:
-            yield
-        except HHRError:
-            raise
-        except Exception as error:
-            if self.scene.system is None or self.group.size == 1:
-                raise
-            raise SceneError(
-                f"the system of scene '{self.scene.name}' fails on {self.group.size} ranks, {type(error).__name__}: "
-                f"{error}. Each rank has some rows: K (own, N) and loads (own,) of problem.rows are needed; or solve "
-                "on one rank, FullOrderModel(scene, MPI.COMM_SELF)"
-            ) from error
-
     def _middle(self, **known: Any) -> SparseStiffness:
         """K in the middle of the box; ``response`` and S may be given if they are known."""
         problem = self.problem
@@ -183,11 +148,8 @@ class FullOrderModel(FullModel):
 
     def _stiffness_of(self, matrix: csr_matrix, problem: ContactProblem) -> SparseStiffness:
         """K of local rows of a matrix, (own dofs, N), with the rows of a problem."""
-        own = self.system.problem.own_stiffness
-        if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
-            raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
         found = SparseStiffness(matrix, problem, self.store, keeps=self.keeps_columns)
-        return found.lent(self.stiffness) if matrix is own else found
+        return found.lent(self.stiffness) if matrix is self.stiffness.matrix else found
 
     @property
     def fields(self) -> FullOrderModel:
@@ -229,7 +191,8 @@ class FullOrderModel(FullModel):
             shared = self.group.shared_factors(factors, self.problem.rows, own, whole)
         model.store = FactorStore(lambda _: shared)
         with model.store.of(whole):
-            model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
+            # a user-defined system is that of its parts, which were compared
+            model.system = system_of(problem, lambda: model.stiffness, model._stiffness_of)
         response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
         model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))
         return model

@@ -11,13 +11,12 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
-from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.answer import Answer, ModelFields, found_as
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 
@@ -27,12 +26,11 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.full_order.free_bodies import FreeBody
 
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
-
-
-ROUND_OFF_OF_PARTS = 1e-9
-"""Relative difference of the equations of a system from the sum of its parts up to which it is round-off."""
+    Middle: TypeAlias = Callable[[], SparseStiffness]
+    Made: TypeAlias = Callable[[csr_matrix, ContactProblem], SparseStiffness]
 
 
 @dataclass(eq=False, slots=True)  # one for each query
@@ -82,8 +80,8 @@ class System(ABC):
     def __init__(
         self,
         problem: ContactProblem,
-        middle: Callable[[], SparseStiffness],
-        made: Callable[[csr_matrix, ContactProblem], SparseStiffness],
+        middle: Middle,
+        made: Made,
     ):
         self.problem = problem  # of all points
         self.middle = middle  # returns K in the middle of the box
@@ -209,61 +207,25 @@ class SummedSystem(_OfParts):
         return problem, stiffness, problem.spread.of(problem.loads_at(point, theta))
 
 
-def middle_stiffness(problem: ContactProblem, given: Callable[..., Any]) -> csr_matrix:
-    """Local rows of K of a user-defined system in the middle of the box, (own, N), before its kernel is known."""
-    system = system_of(problem, given, lambda: problem.own_stiffness, lambda matrix, _: matrix)
-    found: Any = system.at(problem.middle).stiffness
-    return found
+class UserSystem(Protocol):
+    """User-defined system of a scene, which the tool ``systems`` makes of the scene, parts of K, and springs.
 
-
-def check_parts(system: System, problem: ContactProblem, name: str) -> None:
-    """Compare K, loads and contact of a user-defined system at two points with those of its parts in a problem.
-
-    Reductors read the parts and answer by them alone.
-
-    Raises:
-        SceneError: if they differ by more than round-off.
+    The parts of K of its bodies are local rows of all dofs without springs, (own, N) each; springs are the stiffness to
+    ground of each dof, (N,), or None.
     """
-    rows = problem.spread
-    for point in problem.parameters.random(2, seed=1):
-        theta = problem.amplitudes(point)
-        at = system.at(point)
-        weights = problem.weights(point)
-        stiffness: Any = at.stiffness
-        difference = stiffness.matrix - problem.stiffness_of(weights)
-        loads = problem.spread.of(problem.loads_at(point, theta))
-        terms = [problem.external, *problem.lift_terms]
-        scales = [1.0, *(weights if problem.moduli else np.ones(len(problem.pulls)))]
-        size = sum(abs(w) * np.abs(term[problem.rows] @ theta) for w, term in zip(scales, terms, strict=True))
-        pairs = {
-            "K": (difference.data, stiffness.matrix.data),
-            "the loads": (at.loads - loads, size),
-            "B": ((at.problem.contact - problem.contact).data, problem.contact.data),
-            "the gaps": (at.gaps - problem.gaps @ theta, np.append(problem.gaps @ theta, 1.0)),
-        }
-        for what, (off, whole) in pairs.items():
-            error, scale = np.sqrt(rows.sum(np.array([off @ off, whole @ whole])))
-            if not error <= ROUND_OFF_OF_PARTS * scale:
-                raise SceneError(
-                    f"the system of scene '{name}' states parts, and {what} of its equations differ from their sum by "
-                    f"{error / scale if scale else np.inf:.2g} of it at {problem.parameters.described(point)}: "
-                    "reductors read the parts alone. State all that depends on parameters there, or return None"
-                )
+
+    def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
+        """Bodies with the motions that K leaves."""
+
+    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
+        """The system of a problem, with its constraints and springs."""
+
+    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
+        """The problem with the parts of the system, which are compared with its equations, and K in the middle."""
 
 
-def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
-    """The system of a problem, by ``middle`` and ``made``; ``given`` makes a user-defined one of all of these.
-
-    It is the only function that checks which data of a problem depend on parameters.
-
-    Raises:
-        SceneError: if ``given`` does not return a system.
-    """
-    if given is not None:
-        found = given(problem, *makers)
-        if not isinstance(found, System):
-            raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
-        return found
+def system_of(problem: ContactProblem, *makers: Any) -> System:
+    """The system of a problem, by ``middle`` and ``made``: which data of it depend on parameters."""
     if problem.reshaped is not None:
         return problem.reshaped.system(problem, *makers)
     if not problem.moduli:

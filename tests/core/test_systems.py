@@ -17,6 +17,8 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
 
+pytestmark = needs("systems")
+
 
 def scene(**others):
     given = {"outputs": (hhr.ContactForce("force", 0, (0.0, 1.0)),), "system": Foundation} | others
@@ -136,7 +138,7 @@ def test_a_deck_and_bodies_with_a_law_refuse_it(full, tmp_path):
     with pytest.raises(SceneError, match=r"K is that of a user's system .* which a deck cannot say"):
         deck(full, tmp_path)
     flowing = hhr.Body(two_blocks.FIRST, 3.0, 0.3, hhr.Plasticity(0.1))
-    with pytest.raises(SceneError, match="must make a System, of bodies without laws and shapes"):
+    with pytest.raises(SceneError, match="a law states the stress of its body, and a system K of all bodies"):
         dataclasses.replace(scene(), bodies=(flowing, scene().bodies[1]))
 
 

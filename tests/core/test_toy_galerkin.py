@@ -1,5 +1,6 @@
 """A user's own reductors get comparison, refinement, record and file from the driver, which believes no claim."""
 
+import dataclasses
 import pickle
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from toy_reductor import DenseCondensation
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import errors, registry
+from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.models.estimates import NUMBERS, Estimate
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.reduction import build as building
@@ -164,6 +166,31 @@ def test_a_bound_of_an_output_that_an_answer_exceeds_is_refused():
     training = hhr.train(scene, hhr.Sobol(16), held_out=4)
     with pytest.raises(errors.ClaimError, match="a bound of 1e-12 of the force, and the error is"):
         training.build(bounding(outputs={"force": 1e-12}))
+
+
+@needs("friction")
+def test_a_bound_along_a_path_that_an_answer_exceeds_is_refused():
+    """Of laws that remember too: what was not compared was believed."""
+    contact = hhr.NodeToNode(side(1, 1, True), side(2, 1, False), (0.0, 1.0), friction=0.3)
+    points = np.array([[0.005, 0, 0, 0], [0.02, 0, 0.01, 0], [0.05, 0.019, 0.02, 0], [0.03, 0.019, 0, 0]])
+    paths = [[(float(k), scale * point) for k, point in enumerate(points)] for scale in (1.0, 1.05)]
+    training = hhr.train(pair(contacts=(contact,)), paths[:1], held_out=paths[1:])
+    exact = training.condense()
+
+    class Weaker(ExactFields):
+        """Forces that are a tenth too large, in a bound that says nothing of them."""
+
+        exact = False
+
+        def forces(self, answer):
+            return 1.1 * super().forces(answer)
+
+        def estimate(self, answer):
+            return Estimate("bound", **(dict.fromkeys(NUMBERS, 1e3) | {"forces_euclid": 1e-9}))
+
+    fields = Weaker(**{one.name: getattr(exact.fields, one.name) for one in dataclasses.fields(exact.fields)})
+    with pytest.raises(errors.ClaimError, match="a bound of 1e-09 of the contact forces, and the error is"):
+        training.build(returning(exact.changed(fields=fields)))
 
 
 def test_a_bound_that_holds_is_granted(training):

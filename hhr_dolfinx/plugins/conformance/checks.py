@@ -34,6 +34,7 @@ from hhr_dolfinx.online.model_file import load_model, save_model
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.conformance.draft import Between
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.scene import Displacement, Opening, Scene
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
@@ -241,19 +242,35 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
 
 @blaming
 def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
-    """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name."""
+    """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name.
+
+    The blocks are alone, and with an equation and a spring if the plug-ins of these are installed.
+    """
+    _check_system(pressed_blocks(parameters, system=system))
+    known = registry.named("public")
+    if not {"Equation", "Springs"} <= known.keys():
+        return
+    equation, springs = (registry.load(known[name]) for name in ("Equation", "Springs"))
+    low, left, right = (Between(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5)))
+    joined = equation(((left, 0, 1.0), (right, 0, -1.0)), Amplitude(slopes={"slide": 0.1}))
+    bedded = pressed_blocks(parameters, system=system, constraints=(joined,))
+    _check_system(replace(bedded, loads=(*bedded.loads, springs(low, 0, 1.0), springs(left, 0, 1.0))))
+
+
+def _check_system(scene: Scene) -> None:
+    """Check the system of a scene."""
 
     def respond(point: np.ndarray) -> np.ndarray:  # displacement and slack at fixed forces
         at = full.system.at(point)
         unknown = at.stiffness.solve(at.loads) - at.stiffness.response_to_forces(forces)
         return np.append(unknown, at.gaps - at.problem.contact @ unknown)
 
-    full = FullOrderModel(pressed_blocks(parameters, system=system))
+    full = FullOrderModel(scene)
     points = full.parameters.random(4, 0)
     random = np.random.default_rng(0)
-    free = full.problem.free
+    prolongation = full.problem.prolongation
     forces = random.standard_normal(full.conditions)
-    tried = random.standard_normal(free.size) * free
+    tried = random.standard_normal(prolongation.free.size) * prolongation.free
     for point in points:
         at = full.system.at(point)
         parts = full.system.parts()
@@ -267,7 +284,7 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         again = full.system.at(point)
         same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
         _require(same, "point")
-        unknown = respond(point)[: free.size]
+        unknown = respond(point)[: tried.size]
         left, slack = full.system.explicit(point, forces, unknown)
         changes = np.stack([at.stiffness.solve(-column) for column in left.T], axis=1)
         found = np.vstack([changes, slack - at.problem.contact @ changes])
@@ -277,7 +294,8 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         if parts is not None:
             weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
             product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))
-            _require(_near(at.stiffness.solve(product * free), tried, ROUND_OFF), "parts")
+            again = at.stiffness.solve(product * prolongation.free)
+            _require(_near(again, prolongation.prolong(tried), ROUND_OFF), "parts")
     for reduced in (condense, lambda full: build(full, compute_snapshots(full, points))) if parts is None else ():
         try:
             reduced(full)

@@ -52,7 +52,11 @@ BESIDE = {
 }
 
 
-@pytest.mark.parametrize("beside", [pytest.param("a bedding", marks=needs("places")), "a pressure", "a system"])
+OF_PLUGINS = {"a bedding": "places", "a system": "systems"}
+
+
+@pytest.mark.parametrize("beside", [pytest.param(name, marks=needs(OF_PLUGINS[name])) if name in OF_PLUGINS else name
+                                    for name in BESIDE])  # fmt: skip
 def test_a_uniform_stress_has_no_error_beside(beside):
     """They bear a part of the stress at the floor, which counted as an error: 0.83, 0.32 and 0.34 of the pressure."""
     full = hhr.FullOrderModel(BESIDE[beside](), MPI.COMM_SELF)

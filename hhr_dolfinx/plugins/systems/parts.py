@@ -1,0 +1,95 @@
+"""Equations of user-defined systems, compared with what they state: symmetry of K, and its parts."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.system import SystemAt
+from hhr_dolfinx.parameters import ParameterSpace
+
+ROUND_OFF = 1e-12
+"""Part of the terms of a value up to which it is round-off: sums of some hundred terms have 1e-14."""
+
+
+def samples(space: ParameterSpace) -> np.ndarray:
+    """Points at which equations are compared: middle, two corners, two random ones, (5, P).
+
+    Weights that vanish in the middle, or at an end, hide their part there.
+    """
+    return np.vstack([space.middle, space.lower, space.upper, space.random(2, seed=1)])
+
+
+def check_symmetric(at: SystemAt, matrix: csr_matrix, name: str) -> None:
+    """Compare x^T K y with y^T K x for local rows of K, (own, N): factors read one half of K.
+
+    Raises:
+        SceneError: if they differ by more than round-off.
+    """
+    problem = at.problem
+    one, other = np.random.default_rng(0).standard_normal((2, problem.free.size))
+    mine = one[problem.rows], other[problem.rows]
+    off = mine[0] @ (matrix @ other) - mine[1] @ (matrix @ one)
+    size = abs(mine[0]) @ (abs(matrix) @ abs(other))
+    off, size = problem.spread.sum(np.array([off, size]))
+    if not abs(off) <= ROUND_OFF * size:
+        raise SceneError(
+            f"K of the system of scene '{name}' is not symmetric at "
+            f"{problem.parameters.described(at.point)}: factors read one half of it. Give the K of "
+            "an energy"
+        )
+
+
+def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name: str) -> None:
+    """Compare K, local rows (own, N), loads and contact of a system with those of a problem.
+
+    The problem has the parts that the system states: reductors answer by these alone. An entry of
+    K is compared with the diagonal of its row and column, not with the norm of K: a soft bedding
+    beside a stiff body would be round-off of that.
+
+    Raises:
+        SceneError: if they differ by more than round-off.
+    """
+    theta = problem.amplitudes(at.point)
+    weights = problem.weights(at.point) if problem.moduli else np.ones(len(problem.stiffness_terms))
+    stated, sizes = 0.0 * matrix, abs(matrix)
+    for weight, part in zip(weights, problem.stiffness_terms, strict=True):
+        stated = stated + weight * part
+        sizes = sizes + abs(weight * part)
+    lifted = abs(problem.lifts @ theta)
+    loads = problem.spread.of(problem.loads_at(at.point, theta))
+    acting = abs(problem.spread.of(problem.external) @ theta) + sizes @ lifted
+    gaps = problem.gaps @ theta
+    reach = abs(gaps) + abs(problem.contact) @ lifted
+    errors = {
+        "K": _of_diagonal(csr_matrix(matrix - stated), csr_matrix(sizes), problem),
+        "the loads": _largest(at.loads - loads, problem) / (_largest(acting, problem) or 1.0),
+        "B": abs(at.problem.contact - problem.contact).max() / (abs(problem.contact).max() or 1.0),
+        "the gaps": _largest(at.gaps - gaps, problem) / (_largest(reach, problem) or 1.0),
+    }
+    for what, error in errors.items():
+        if not error <= ROUND_OFF:
+            raise SceneError(
+                f"the system of scene '{name}' states parts, and {what} of its equations differ "
+                f"from their sum by {error:.2g} of it at {problem.parameters.described(at.point)}: "
+                "reductors read the parts alone. State all that depends on parameters there, or "
+                "return None"
+            )
+
+
+def _largest(values: np.ndarray, problem: ContactProblem) -> float:
+    """Largest size of values on all ranks; NaN if one is."""
+    return float(np.max(problem.group.gathered(np.abs(values).max(initial=0.0))))
+
+
+def _of_diagonal(off: csr_matrix, sizes: csr_matrix, problem: ContactProblem) -> float:
+    """Largest entry of local rows, (own, N), over the root of the diagonals of its row and column."""
+    own = np.zeros(problem.free.size)
+    own[problem.rows] = sizes.diagonal(problem.first)
+    root = np.sqrt(problem.spread.sum(own))
+    rows = problem.first + np.repeat(np.arange(off.shape[0]), np.diff(off.indptr))
+    scale = root[rows] * root[off.indices]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _largest(np.where(off.data == 0.0, 0.0, off.data / scale), problem)

@@ -1,0 +1,205 @@
+"""What becomes of ``Scene(system=...)``: its K, its parts, and the motions of bodies that it leaves.
+
+A user-defined system gives K of all dofs, and F - K L on those that are not imposed. It knows
+nothing of constraints and springs: these are added to its equations (:mod:`.restricted`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+
+from hhr_dolfinx.contact.problem import ContactProblem, strained
+from hhr_dolfinx.contact.stiffness import SparseStiffness
+from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError
+from hhr_dolfinx.full_order.free_bodies import FreeBody, described
+from hhr_dolfinx.full_order.system import System, SystemAt
+from hhr_dolfinx.group import Group
+from hhr_dolfinx.plugins.systems.parts import check_parts, check_symmetric, samples
+from hhr_dolfinx.plugins.systems.restricted import (
+    OfAllDofs,
+    Restricted,
+    own_loads,
+    problem_of_all_dofs,
+)
+from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.system import Made, Middle
+
+ROUND_OFF_OF_ENERGY = 1e-13
+"""Part of the sum of all terms of the energy of a motion up to which it is round-off."""
+
+
+@dataclass(frozen=True, eq=False)
+class UserSystem:
+    """The tool ``systems``: see :class:`~hhr_dolfinx.full_order.system.UserSystem`.
+
+    Attributes:
+        scene: the scene.
+        stiffness: local rows of the parts of K of its bodies, of all dofs and without springs,
+            (own, N) each.
+        springs: stiffness to ground of each dof, (N,); None without.
+    """
+
+    scene: Scene
+    stiffness: tuple[csr_matrix, ...]
+    springs: np.ndarray | None
+
+    def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
+        """Bodies with the motions that K leaves, such as that of a foundation.
+
+        Raises:
+            NotSolvableError: for motions that K leaves in the middle of the box and resists at
+                other points: they are unknowns of all answers, or of none.
+        """
+        with self._of_user(problem.group):
+            given = self._of_all_dofs(problem)
+            left = _unresisted(bodies, problem, given.at(problem.middle))
+            count = sum(len(body.left) for body in left)
+            for point in samples(problem.parameters)[1:] if left else ():
+                here = _unresisted(left, problem, given.at(point))
+                if sum(len(body.left) for body in here) < count:
+                    raise NotSolvableError(
+                        f"{left[0].name} can move freely in the middle of the box: it "
+                        f"{described(left[0], left[0].left)}, and the system of the scene resists "
+                        f"that at {problem.parameters.described(point)}. Choose a box in which K "
+                        "always resists it, or hold the body by a displacement"
+                    )
+        return left
+
+    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
+        """The system of a problem, with its constraints and springs."""
+        with self._of_user(problem.group):
+            if problem.prolongation.map is None and self.springs is None:
+                return self._given(problem, middle, self._with_pattern(problem, made))
+            given = self._of_all_dofs(problem)
+            if given.bodies is not None:
+                raise SceneError(
+                    f"the system of scene '{self.scene.name}' scales K of each body, and constraints "
+                    "and springs act on K of all: make that by made(), with bodies = None"
+                )
+            return Restricted(given, problem, self.scene.name, self.springs, made)
+
+    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
+        """The problem with the parts of the system, which are compared, and K in the middle."""
+        name = self.scene.name
+        with self._of_user(problem.group):
+            at = system.at(problem.middle)
+            own_loads(at.loads, problem, name)
+            if not isinstance(at.stiffness, SparseStiffness):
+                raise SceneError(f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()")
+            whole, given = self._compared(system, problem)
+            stated = given.parts()
+            parts = system.parts_of_all_dofs() if isinstance(system, Restricted) else stated
+            if stated is not None:
+                whole = _with_parts(whole, *stated)
+            for point in samples(problem.parameters):
+                there = given.at(point)
+                matrix = _matrix_of(there, name)
+                check_symmetric(there, matrix, name)
+                if stated is not None:
+                    check_parts(there, matrix, whole, name)
+            return _with_parts(problem, *(parts or ((), ()))), at.stiffness
+
+    def _compared(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, System]:
+        """The system as the user made it, and its problem."""
+        if isinstance(system, Restricted):
+            return system.given.problem, system.given
+        return problem, system
+
+    def _of_all_dofs(self, problem: ContactProblem) -> System:
+        """The system as if no dof depended on others."""
+        whole = problem_of_all_dofs(problem, self.stiffness)
+        middle = OfAllDofs(whole.own_stiffness)
+        made = self._with_pattern(whole, lambda matrix, _: OfAllDofs(matrix))
+        return self._given(whole, lambda: middle, made)
+
+    def _given(self, *given: Any) -> System:
+        """What the user makes of the arguments of a system.
+
+        Raises:
+            SceneError: if it is no system.
+        """
+        assert self.scene.system is not None
+        found = self.scene.system(*given)
+        if not isinstance(found, System):
+            raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
+        return found
+
+    def _with_pattern(self, problem: ContactProblem, made: Any) -> Any:
+        """``made`` for matrices with the pattern of K of the bodies alone."""
+        own = problem.own_stiffness
+
+        def checked(matrix: csr_matrix, problem: ContactProblem) -> Any:
+            same = matrix.shape == own.shape and matrix.nnz == own.nnz
+            if not (same and np.array_equal(matrix.indices, own.indices)):
+                raise SceneError(
+                    "K of a user's system must have the pattern of K of the bodies: add numbers to its data"
+                )
+            return made(matrix, problem)
+
+        return checked
+
+    @contextmanager
+    def _of_user(self, group: Group) -> Iterator[None]:
+        """On several ranks errors of a system name the ranks; on one they keep their traceback."""
+        try:
+            yield
+        except HHRError:
+            raise
+        except Exception as error:
+            if group.size == 1:
+                raise
+            raise SceneError(
+                f"the system of scene '{self.scene.name}' fails on {group.size} ranks, "
+                f"{type(error).__name__}: {error}. Each rank has some rows: K (own, N) and loads "
+                "(own,) of problem.rows are needed; or solve on one rank, "
+                "FullOrderModel(scene, MPI.COMM_SELF)"
+            ) from error
+
+
+def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
+    """Local rows of K at a point, (own, N).
+
+    Raises:
+        SceneError: for a K that ``made`` did not make.
+    """
+    matrix: csr_matrix | None = getattr(at.stiffness, "matrix", None)
+    if matrix is None:
+        raise SceneError(f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()")
+    return matrix
+
+
+def _with_parts(problem: ContactProblem, moduli: Any, matrices: Any) -> ContactProblem:
+    """The problem with the parts of K of all dofs, local rows (own, N) each. Collective."""
+    prolongation = problem.prolongation
+    # as in Discretisation.contact_problem: motions of dependent dofs may be rigid
+    pull = csr_matrix.__matmul__ if prolongation.map is None else strained
+    pulls = (problem.stacked(csr_matrix(pull(part, problem.lifts))) for part in matrices)
+    return replace(
+        problem,
+        moduli=tuple(moduli),
+        stiffness_terms=prolongation.stiffness(matrices, problem.rows, problem.group) if matrices else (),
+        pulls=tuple(csc_matrix(part) for part in pulls),
+    )
+
+
+def _unresisted(bodies: list[FreeBody], problem: ContactProblem, at: SystemAt) -> list[FreeBody]:
+    """Bodies with the motions along which K, local rows (own, N), does no work."""
+    stiffness = _matrix_of(at, "")
+    left = []
+    for body in bodies:
+        columns = body.columns(len(problem.points))
+        own = columns[problem.rows]
+        sizes = problem.spread.sum(abs(own).T @ (abs(stiffness) @ abs(columns)))
+        energies = problem.spread.sum(own.T @ (stiffness @ columns))
+        values, ways = np.linalg.eigh((energies + energies.T) / 2)
+        ways = ways[:, np.abs(values) <= ROUND_OFF_OF_ENERGY * sizes.max()]
+        left.append(replace(body, left=ways.T @ body.left))
+    return [body for body in left if len(body.left)]
