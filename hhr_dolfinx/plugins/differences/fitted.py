@@ -25,8 +25,10 @@ MOST = 0.9
 """Most modes of forces per loaded condition of the RID; with as many as conditions, all forces would be explained."""
 ROUND_OFF = 1e-8
 """Part of the largest force of a mode below which a force counts as zero."""
-DEEP, SHALLOW = 3.0, 1e-2
-"""Overlap outside the RID, over that in training, beyond which errors are unknown, and what it may be in any case."""
+DEEP = 3.0
+"""Overlap outside the RID, as a multiple of that in training, beyond which the error is unknown."""
+SHALLOW = 1e-2
+"""Part of the gap scale that overlap may reach in any case."""
 ALIKE = 1e-5
 """Relative difference of numbers of one scene."""
 PRESSED = 1e-3
@@ -80,8 +82,8 @@ class FittedForces:
 
     def differences(self, problem: ContactProblem) -> str:
         """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
-        known, other = (ranged(law, len(self.modes)).parts() for law in (self.whole, problem.law))
-        known, other = [*known, *self.mark], [*other, *mark_of(problem)]
+        known = [*ranged(self.whole, len(self.modes)).parts(), *self.mark]
+        other = [*ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
         same = len(known) == len(other) and all(map(_alike, known, other))
         return "" if same else "its stiffness, its loads, its gaps or the laws of its contacts"
 
@@ -108,9 +110,7 @@ class FittedForces:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
         return self._limited(inside, changes, point)[1]
 
-    def completed(
-        self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def completed(self, inside: np.ndarray, active: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces and statuses of all conditions from those of the RID, (m,) each; statuses outside by the forces."""
         forces, _, statuses = self._limited(inside, np.zeros((inside.size, 0)), point)
         statuses[self.within] = active
@@ -120,13 +120,16 @@ class FittedForces:
         self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces, derivatives and statuses of all conditions; a pressure within the error of the fit is none."""
-        forces, slopes = self._fitted(inside), self._fitted(changes)
+        forces = self._fitted(inside)
+        slopes = self._fitted(changes)
         active = np.zeros(len(forces), dtype=bool)
         fitted = active.copy()
         fitted[self._elsewhere[0]] = True
         for part in self._ranges:
             rows = part.rows
-            x, slope, fills = forces[rows], slopes[rows], fitted[rows]
+            x = forces[rows]
+            slope = slopes[rows]
+            fills = fitted[rows]
             off = fills & part.law.pressing(rows.size) & (x <= PRESSED * np.abs(x[~fills]).max(initial=0.0))
             x[off] = 0.0
             slope[off] = 0.0
@@ -180,5 +183,5 @@ def _alike(one: Any, other: Any) -> bool:
     """True for equal texts, and for arrays that differ by no more than round-off of the numbers of one scene."""
     if isinstance(one, str) or isinstance(other, str) or np.shape(one) != np.shape(other):
         return bool(np.array_equal(one, other))
-    off, sizes = np.abs(np.subtract(one, other)), np.abs(one)
-    return bool(off.max(initial=0.0) <= ALIKE * sizes.max(initial=0.0))
+    off = np.abs(np.subtract(one, other)).max(initial=0.0)
+    return bool(off <= ALIKE * np.abs(one).max(initial=0.0))

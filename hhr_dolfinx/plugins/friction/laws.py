@@ -220,7 +220,9 @@ class Friction(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`: tangential forces up to their bound; contacts well below it stick."""
         rows = self.tangential
         coefficient, limit = self.bounds(point)
-        found, slopes, pressure = forces.copy(), changes, forces[self.normal]
+        found = forces.copy()
+        slopes = changes
+        pressure = forces[self.normal]
         size = self.lengths(forces[rows])
         admitted = bounds(coefficient, limit, pressure)
         beyond = fitted[self.normal] & (size > admitted)

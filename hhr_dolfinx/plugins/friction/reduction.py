@@ -9,6 +9,7 @@ from hhr_dolfinx.reduction.recipe import Recipe
 
 with_friction = Recipe.of_paths
 
+
 def check_forces(draft: Draft) -> None:
     """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
 
