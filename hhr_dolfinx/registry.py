@@ -298,6 +298,8 @@ def tool(word: str, what: str) -> Any:
 
     ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a scene, or of an answer
     on the mesh of a full model. ``fields(path, full, answer)`` writes the fields of an answer and returns the files.
+    ``forces_outside(problem, law, conditions, forces)`` completes forces outside the RID, an
+    :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`, from training forces, (N_lambda, S).
     ``mesh_beside(path, model)`` is the :class:`~hhr_dolfinx.models.answer.Meshed` of a model file, read when it is
     used; ``model()`` is then the model.
 

@@ -99,7 +99,7 @@ class Gasket(PairLaw):
 
 
 class GasketRange(RangeSolver):
-    """Facet ``range``, the only one: all other readers of laws refuse it."""
+    """Facet ``range``, the only one: models solve by it, and all other readers of laws refuse it."""
 
     def at_rest(self):
         """Nothing is closed."""

@@ -31,7 +31,7 @@ class Range(Rebuilt):
         """Facet ``range`` of the law; NotOfferedError without one."""
         if not self.law.plugin:
             return _UnilateralSolver(self.rows.size)
-        what = f"{self.law.name} in a scene with laws of other plug-ins, or without memory,"
+        what = f"{self.law.name} next to laws of other plug-ins, without memory, or hyper-reduced,"
         made: RangeSolver = registry.facet(self.law.plugin, "range", what)(self.law)
         return made
 
@@ -53,7 +53,7 @@ class Interface(ContactLaw, Rebuilt):
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Conditions without a law, or with two."""
         rows = np.sort(np.concatenate([part.rows for part in self.ranges]))
-        if not np.array_equal(rows, np.arange(sizes.get("m", sizes.get("N_lambda", rows.size)))):
+        if not np.array_equal(rows, np.arange(sizes.get("N_lambda", sizes.get("m", rows.size)))):
             yield "ranges of laws must have each condition once"
 
     @property
@@ -116,6 +116,11 @@ class Interface(ContactLaw, Rebuilt):
                 found.append(Range(part.law.within(kept), place[part.rows[kept]]))
         return Interface(tuple(found))
 
+    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+        """See :class:`ContactLaw`."""
+        kept = [part.law.kept_with(inside[part.rows], contact[part.rows]) for part in self.ranges]
+        return self._joined(inside.size, kept)
+
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
         return [item for part in self.ranges for item in (part.law.name, part.rows, *part.law.parts())]
@@ -159,6 +164,11 @@ class Interface(ContactLaw, Rebuilt):
             own = {name: arrays[name] for name in part.law.layout}
             found = found | part.law.restored(own)
         return found
+
+
+def ranged(law: ContactLaw, count: int) -> Interface:
+    """A law of so many conditions as ranges."""
+    return law if isinstance(law, Interface) else Interface((Range(law, np.arange(count)),))
 
 
 Attached = tuple[ContactRows, np.ndarray, ContactLaw]

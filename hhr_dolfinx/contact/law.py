@@ -141,6 +141,12 @@ class ContactLaw:
         """The law on some conditions, (m,), with their numbers among all; one without numbers is the same."""
         return self
 
+    def limited(
+        self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Limit the ``fitted`` ones, (m,) bool, of forces, (m,), with derivatives, (m, P), at a point; and statuses."""
+        return forces, changes, forces > 0
+
     def parts(self) -> list[Any]:
         """Texts and arrays on which answers depend in addition to the rows, for a fingerprint."""
         return []

@@ -66,7 +66,7 @@ class Completion(Protocol):
 
 
 class InterfaceCompletion(Protocol):
-    """Completes contact forces on the whole surface for a law of interfaces that has its own way."""
+    """Completes contact forces on the whole surface from those of a RID, for contacts with laws."""
 
     @property
     def within(self) -> np.ndarray:
@@ -83,16 +83,19 @@ class InterfaceCompletion(Protocol):
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
 
+    def completed(self, inside: np.ndarray, active: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """These forces, and statuses of all conditions from those of the RID, (m,) bool."""
+
     def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
 
-    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """Estimated relative error of forces, from those in the RID, (m,), and the slack of all, (N_lambda,).
+    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory) -> float:
+        """Estimated relative error of forces, from those in the RID, (m,), slacks of all, (N_lambda,), and the memory.
 
         ``scale`` is the length by which the gap of each is measured, (N_lambda,).
         """
 
-    def differences(self, problem: ContactProblem, point: np.ndarray) -> str:
+    def differences(self, problem: ContactProblem) -> str:
         """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
 
 

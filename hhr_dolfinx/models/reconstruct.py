@@ -14,6 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, Completion, InterfaceCompletion, Meshed, ModelFields
 from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
@@ -245,11 +246,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return found
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0]))
 
-    def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces in the RID, slack of all conditions, and the scale of gaps: input of an indicator of forces."""
+    def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray, Memory]:
+        """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator of forces."""
         theta = self.amplitudes(answer.parameter)
         slack = self._slack(theta, answer.unknown[None])[0]
-        return answer.multipliers, slack, self.gap_scale
+        return answer.multipliers, slack, self.gap_scale, answer.memory
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Estimates of many answers at once; None if they are made one by one."""

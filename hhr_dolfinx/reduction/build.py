@@ -31,9 +31,9 @@ from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedLaws, ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.interface import bodies_of, reduction_of
+from hhr_dolfinx.reduction.interface import bodies_of, completed
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
@@ -113,8 +113,13 @@ class Draft:
 
 
 def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
-    """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
-    return reduction_of(full.law).recipes() if full.equilibrium is None else bodies_of(full).recipes()
+    """Default recipes of a scene; each is tried if the one before leaves contact rows dependent.
+
+    These are dependent where contact alone holds a body: its modes without rigid motions need more enrichment.
+    """
+    if full.equilibrium is not None:
+        return bodies_of(full).recipes()
+    return (Recipe.of_paths(), Recipe.of_paths(enrichment=Enrich(2.0))) if full.law.plugin else (Recipe(),)
 
 
 def usual_recipe(full: FullModel) -> Recipe:
@@ -196,7 +201,8 @@ def check_given(full: FullModel, snapshots: Any, recipe: object, held_out: Snaps
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
     problem.require_parts("hyper-reduction")
-    reduction_of(problem.law)
+    if problem.law.plugin:
+        completed(full)
     if problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
@@ -405,6 +411,10 @@ def reconstruct(draft: Draft) -> None:
             functionals=plain_outputs(full),
             full=full,
         )
+        if problem.law.plugin:
+            law, complete = completed(full)
+            fitted = complete(problem, law, draft.sets.A_lambda, shared.snapshots.forces)
+            draft.fields = replace(draft.fields, interface=fitted)
         if recipe.indicator is not None:
             indicator = recipe.indicator.prepared(problem, draft.basis, draft.sets)
             draft.fields = replace(draft.fields, indicator=indicator)

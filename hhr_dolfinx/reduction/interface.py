@@ -1,13 +1,17 @@
-"""Facets ``reduction`` of plug-ins: hyper-reduction of laws of interfaces, and of bodies with laws. Both add stages."""
+"""Laws in the hyper-reduction: those of contacts, and the facet ``reduction`` of laws of bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from hhr_dolfinx import registry
+from hhr_dolfinx.contact.interface import Interface, ranged
 from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.models.answer import InterfaceCompletion
 from hhr_dolfinx.models.histories.equilibrium import facet_of
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.reduction.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -19,20 +23,27 @@ if TYPE_CHECKING:
     from hhr_dolfinx.trained import Trained
 
 
-class Reduction:
-    """Base of the facet of a law of interfaces, that of unilateral contact."""
+def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompletion]]:
+    """The law of a full model as hyper-reduced ones solve it, by ranges or its own increments, and its completion.
 
-    def recipes(self) -> tuple[Recipe, ...]:
-        """Default recipes for elastic bodies; each is tried if the one before leaves contact rows dependent."""
-        return (Recipe(),)
-
-
-def reduction_of(law: ContactLaw) -> Reduction:
-    """The facet of a law; NotOfferedError if its plug-in has none: the model would leave the law out."""
-    if not law.plugin:
-        return Reduction()
-    found: Reduction = registry.facet(law.plugin, "reduction", f"hyper-reduction of contacts with {law.name}")
-    return found
+    Raises:
+        NotOfferedError: for a law without the facet ``range``, inelastic bodies with laws on ranges, or without a
+            plug-in that completes forces.
+    """
+    law = full.law
+    what = f"hyper-reduction of contacts with {law.name}"
+    complete = registry.tool("forces_outside", what)
+    if not isinstance(law, Interface) and steps_of(law).completes:
+        return law, complete
+    if full.equilibrium is not None:
+        raise NotOfferedError(
+            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of the RID, and an "
+            "answer has that of the whole contact surface alone"
+        )
+    found = ranged(law, full.conditions)
+    for part in found.ranges:
+        part.solver()
+    return found, complete
 
 
 class ReducedBodies(Protocol):

@@ -359,6 +359,13 @@ class Recipe(metaclass=_Named):
         plain: dict[str, Any] = {"nodes": nodes, "domain": Rid(0, 0), "enrichment": Enrich(10.0), "cone": True}
         return cls(Pod(tolerance), **(plain | changes))
 
+    @classmethod
+    def of_paths(cls, **changes: Any) -> Recipe:
+        """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most contacts."""
+        nodes = Deim(), ForceDeim(1e-4), LoadNodes()
+        usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
+        return cls(**(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes))
+
     @property
     def by_rows(self) -> bool:
         """True if all of its steps can work on local rows."""

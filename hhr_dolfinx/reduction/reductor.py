@@ -325,7 +325,8 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
             f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the full model has "
             f"{full.parameters.names} and {conditions}: it must return one of the same scene"
         )
-    if found.law.plugin != full.law.plugin or (found.equilibrium is None) != (full.equilibrium is None):
+    law = found.law if found.fields.interface is None else found.fields.interface.whole
+    if law.plugins != full.law.plugins or (found.equilibrium is None) != (full.equilibrium is None):
         raise ReductionError(
             f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts ({full.law.name}) or "
             "of its bodies: it must know them, or refuse the scene"

@@ -119,8 +119,6 @@ def fields(full, path):
 
 REFUSING = [
     (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
-    (lambda full, path: hhr.build(full, _store(full)), "not built in"),
-    (lambda full, path: hhr.build(full, _store(full), hhr.Recipe()), "not built in"),
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),

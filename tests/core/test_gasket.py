@@ -201,12 +201,7 @@ def page(full, path):
     check_model(hhr.condense(full))
 
 
-def built(full, path):
-    hhr.build(full, hhr.SnapshotSet.of_histories([full.march([(0.0, 0.0), (1.0, 0.02)])]))
-
-
 REFUSING = [
-    (built, "hyper-reduction of contacts with a gasket is not built in"),
     pytest.param(fields, "no facet 'report'", marks=needs("checks")),
     pytest.param(page, "a page of contacts with a gasket is not built in", marks=needs("pages")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),

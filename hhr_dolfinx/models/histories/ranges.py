@@ -11,7 +11,7 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statu
 from hhr_dolfinx.contact.interface import Interface
 from hhr_dolfinx.contact.ranges import Ranges, RangeStep, Together
 from hhr_dolfinx.memory import NO_MEMORY, Memory
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 from hhr_dolfinx.models.histories.increments import Target
@@ -33,6 +33,7 @@ class Reached(NamedTuple):
     slack: np.ndarray  # without the shifts of memories, 0 of active rows, (M,)
     energy: float  # largest elastic energy of contact so far
     changes: np.ndarray  # derivatives of the shifts of all rows, (M, P)
+    whole: Memory  # of the whole contact surface, of which a hyper-reduced model solves for a part
 
 
 class Solved(NamedTuple):
@@ -96,12 +97,14 @@ class RangesIncrements:
         self.laws = _Laws(model.law)
         self.contact_at = model.contacts()
         self.largest = np.zeros(len(self.laws.rows))  # norm of the forces of each range so far
+        own = model.fields.interface
+        self.everywhere = self.laws if own is None else _Laws(own.whole)
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies."""
         slack = self.contact_at(point).free_slack
         nothing = np.zeros(slack.size), self.laws.at_rest(), slack, 0.0, np.zeros((slack.size, point.size))
-        return Reached(time, point, weights, *nothing)
+        return Reached(time, point, weights, *nothing, self.everywhere.at_rest())
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
         """State after a step that the full model solved before."""
@@ -112,7 +115,8 @@ class RangesIncrements:
         slack = problem.gaps @ problem.amplitudes(point) - problem.contact @ answer.unknown
         energy = 0.5 * float(forces @ (self.contact_at(point).schur @ forces))
         state = forces, answer.memory, np.where(answer.active, 0.0, slack), energy
-        return Reached(answer.time, point, weights, *state, np.zeros((forces.size, point.size)))
+        nothing = np.zeros((forces.size, point.size))
+        return Reached(answer.time, point, weights, *state, nothing, answer.memory)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
@@ -128,11 +132,25 @@ class RangesIncrements:
             gradient, changes = self._gradient(ranges, before, target, found, steps, contact)
         loaded = contact.schur @ found.forces
         slack = contact.free_slack + loaded - ranges.motions @ found.motions
-        memory = self.laws.after(steps, found)
+        memory = whole = self.laws.after(steps, found)
+        if self.everywhere is not self.laws and found.status is Status.CONVERGED:
+            whole = self._completed(before, target, found, self._unknown(contact, found))
         energy = max(before.energy, 0.5 * float(found.forces @ loaded))
-        state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes
+        state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes, whole
         reached = Reached(target.time, target.point, target.weights, *state)
         return Solved(found, contact, reached, gradient, found.status, found.iterations, found.projections > 0)
+
+    def _completed(self, before: Reached, target: Target, found: Together, unknown: np.ndarray) -> Memory:
+        """Memory of the whole surface: outside the RID forces are fitted, and slacks follow the displacement."""
+        fields = self.model.fields
+        own: InterfaceCompletion = fields.interface
+        forces, active = own.completed(found.forces, found.active, target.point)
+        slack = fields.gaps @ fields.amplitudes(target.point) - fields.contact_basis @ unknown
+        steps = self.everywhere.steps(before.whole, target.point, target.time - before.time)
+        for rows, step in zip(self.everywhere.rows, steps, strict=True):
+            slack[rows] += step.shift
+        slack[own.within] = found.slack
+        return self.everywhere.after(steps, found._replace(forces=forces, slack=slack, active=active))
 
     def _gradient(
         self, ranges: Ranges, before: Reached, target: Target, found: Together, steps: list[RangeStep],
@@ -186,8 +204,8 @@ class RangesIncrements:
 
     def check(self, place: Reached) -> None:
         """Check the memories."""
-        for solver in self.laws.solvers:
-            solver.check(place.memory, self.model.parameters.described(place.point))
+        for solver in self.everywhere.solvers:
+            solver.check(place.whole, self.model.parameters.described(place.point))
 
     def answer(self, solved: Solved) -> Answer:
         """Answer of an increment."""
@@ -196,7 +214,7 @@ class RangesIncrements:
         return Answer(
             reached.point, self._unknown(solved.contact, found), found.forces, found.active, found.iterations,
             found.status, found.projections > 0, self.model.fields, time=reached.time, gradient=solved.gradient,
-            memory=reached.memory, undetermined=self._undetermined(solved.contact, found),
+            memory=reached.whole, undetermined=self._undetermined(solved.contact, found),
         )  # fmt: skip
 
     def _undetermined(self, contact: CondensedContact, found: Together) -> np.ndarray | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 class Steps:
     """Base of the facet: what a law does not override is refused, never answered as if the law were not there."""
+
+    # whether it completes the memory of hyper-reduced models on the whole surface; else facet ``range`` solves these
+    completes: ClassVar[bool] = False
 
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         """Solver of the increments of a history of elastic bodies, for a model whose law remembers."""
@@ -70,6 +73,8 @@ class UnilateralSteps(Steps):
 
 class InterfaceSteps(Steps):
     """Laws of several plug-ins, or without memory; their increments are in :mod:`.ranges`."""
+
+    completes = True
 
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         """All laws together."""

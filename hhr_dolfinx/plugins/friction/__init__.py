@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.registry import Plugin, Stage
 
@@ -17,11 +17,7 @@ _OURS = "friction"
 
 
 def _wanted(full: FullModel, recipe: object) -> bool:
-    return full.law.plugin == _OURS
-
-
-def _calibrated(full: FullModel, recipe: Any) -> bool:
-    return _wanted(full, recipe) and full.equilibrium is None and recipe.trust is not None
+    return _OURS in full.law.plugins
 
 
 PLUGIN = Plugin(
@@ -32,21 +28,15 @@ PLUGIN = Plugin(
     classes={
         f"{_HERE}.laws": "Friction FrictionLaw",
         f"{_HERE}.pair_laws": "Coulomb Tresca",
-        f"{_HERE}.fields": "FrictionalFields",
         f"{_HERE}.functionals": "Remembered RememberedShare StatusArea",
     },
     pair_laws={"friction": f"{_HERE}.pair_laws:law_of"},
     memory=("slip",),
     recipes={"with_friction": f"{_HERE}.reduction:with_friction"},
-    stages=(
-        Stage(f"{_HERE}.reduction:check_forces", f"{_BUILD}:assess_projection", _wanted),
-        Stage(f"{_HERE}.reduction:complete_forces", f"{_BUILD}:reconstruct", _wanted),
-        Stage(f"{_HERE}.reduction:calibrate", f"{_BUILD}:assemble", _calibrated),
-    ),
+    stages=(Stage(f"{_HERE}.reduction:check_forces", f"{_BUILD}:assess_projection", _wanted),),
     facets={
         "steps": f"{_HERE}.steps:STEPS",
         "range": f"{_HERE}.range:FrictionRange",
-        "reduction": f"{_HERE}.reduction:REDUCTION",
         "report": f"{_HERE}.report:REPORT",
         "page": f"{_HERE}.page:PAGE",
         "deck": f"{_HERE}.pair_laws:DECK",

@@ -26,6 +26,8 @@ from hhr_dolfinx.plain import Rebuilt
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
 _CONSTANTS = ("coefficient", "limit")
+SLIPPING = 1e-3
+"""Margin, as a part of its bound, within which a fitted tangential force counts as slipping: it has no status."""
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
 
@@ -212,6 +214,44 @@ class Friction(ContactLaw, Rebuilt):
         """Magnitude of the vector of each contact, (C,), by its tangential rows, (T,)."""
         return np.sqrt(np.bincount(self.owner, tangential**2, self.normal.size))
 
+    def limited(
+        self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See :class:`ContactLaw`: tangential forces up to their bound; contacts well below it stick."""
+        rows = self.tangential
+        coefficient, limit = self.bounds(point)
+        found = forces.copy()
+        slopes = changes
+        pressure = forces[self.normal]
+        size = self.lengths(forces[rows])
+        admitted = bounds(coefficient, limit, pressure)
+        beyond = fitted[self.normal] & (size > admitted)
+        found[rows] *= np.divide(admitted, size, out=np.ones(size.size), where=beyond)[self.owner]
+        if changes.shape[1]:
+            of_coefficient, of_limit = self.bound_slopes(point)
+            with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
+                carried = coefficient[:, None] * changes[self.normal] + of_coefficient * pressure[:, None]
+            of_bound = np.where((admitted < limit)[:, None], carried, of_limit)
+            slopes = self._scaled(forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound)
+        active = found > 0
+        sticks = active[self.normal] & (self.lengths(found[rows]) < (1.0 - SLIPPING) * admitted)
+        active[rows] = sticks[self.owner]
+        return found, slopes, active
+
+    def _scaled(
+        self, forces: np.ndarray, changes: np.ndarray, beyond: np.ndarray, share: np.ndarray, of_bound: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of bound t / |t| for the vectors t of the contacts ``beyond`` it; ``share`` is bound / |t|."""
+        slopes = changes.copy()
+        owner = self.owner[beyond[self.owner]]
+        rows = self.tangential[beyond[self.owner]]
+        along = (forces[rows] / self.lengths(forces[self.tangential])[owner])[:, None]
+        grown = np.zeros((share.size, slopes.shape[1]))
+        np.add.at(grown, owner, along * slopes[rows])
+        turned = share[owner, None] * (slopes[rows] - along * grown[owner])
+        slopes[rows] = along * of_bound[owner] + turned
+        return slopes
+
     def statuses(self, active: np.ndarray) -> np.ndarray:
         """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
         sticks = np.bincount(self.owner, ~active[self.tangential], self.normal.size) == 0
@@ -236,6 +276,13 @@ class Friction(ContactLaw, Rebuilt):
         return replace(
             self, normal=conditions[self.normal], tangential=conditions[self.tangential], twice=conditions[self.twice]
         )
+
+
+def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """min(coefficient max(0, pressure), limit); an infinite coefficient gives the limit at any pressure."""
+    with np.errstate(invalid="ignore"):
+        carried = coefficient * np.maximum(forces, 0.0)
+    return np.minimum(np.where(np.isinf(coefficient), np.inf, carried), limit)
 
 
 def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy as np
 
 from hhr_dolfinx.contact.ranges import Coupling, Linearised, RangeSolver, RangeStep, UnilateralStep
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
+from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, bounds
 from hhr_dolfinx.plugins.friction.slider import APART, WORK
-from hhr_dolfinx.plugins.friction.sliding_set import PROBES, bounds, elastic_slip
+from hhr_dolfinx.plugins.friction.sliding_set import PROBES, elastic_slip
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding
 from hhr_dolfinx.plugins.friction.uniqueness import coupling
 

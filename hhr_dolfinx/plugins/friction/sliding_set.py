@@ -27,7 +27,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.plugins.friction.laws import Friction, places_of
+from hhr_dolfinx.plugins.friction.laws import Friction, bounds, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
@@ -74,13 +74,6 @@ class Increment(NamedTuple):
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
         return bounds(self.coefficient, self.limit, forces[friction.normal])
-
-
-def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """min(coefficient max(0, pressure), limit); an infinite coefficient gives the limit at any pressure."""
-    with np.errstate(invalid="ignore"):
-        carried = coefficient * np.maximum(forces, 0.0)
-    return np.minimum(np.where(np.isinf(coefficient), np.inf, carried), limit)
 
 
 class _Given(NamedTuple):

@@ -59,6 +59,8 @@ class _RubbingStep:
 
 
 class _Steps(Steps):
+    completes = True
+
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         return Slider(model, settings.gradient, settings.limit)
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.errors import FarSlidingWarning
-from hhr_dolfinx.plugins.friction.fields import FrictionalFields
-from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, bounds
+from hhr_dolfinx.models.answer import InterfaceCompletion
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState, bounds
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding
 from hhr_dolfinx.warn import is_first, warn
 
 PRESSED = 1e-9
@@ -46,32 +46,43 @@ class _PartSurface(Surface):
 
     def __init__(self, fields: Any):
         self._fields = fields
-        self._frictional: FrictionalFields = fields.interface
-        super().__init__(self._frictional.friction)
+        self._parts: InterfaceCompletion = fields.interface
+        self._inside: Any = self._parts.inside  # friction of the RID, with the row numbers of the RID
+        friction: Any = self._parts.whole
+        super().__init__(friction)
 
     def position(self, slip: SlipState) -> np.ndarray:
-        return slip.position[self._frictional.own]
+        return slip.position[self._own]
 
     def after(
         self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
     ) -> SlipState:
-        parts = self._frictional
-        friction = parts.friction
+        friction = self.whole
         slack = np.zeros(self._fields.conditions)
-        slack[friction.tangential[parts.own]] = found.slack[parts.inside.tangential]
-        outside = parts.rows_outside
+        slack[friction.tangential[self._own]] = found.slack[self._inside.tangential]
+        outside = self._outside
         if outside.size:
             gaps, on_modes = self._rows_outside
             position = gaps @ self._fields.amplitudes(point) - on_modes @ unknown()
             slack[friction.tangential[outside]] = position - before.position[outside]
-        forces = parts.forces(found.forces, point)
+        forces, active = self._parts.completed(found.forces, found.active, point)
         bound = bounds(*friction.bounds(point), forces[friction.normal])
-        return before.after(friction, forces, slack, parts.active(found.active, forces, bound), bound)
+        return before.after(friction, forces, slack, active, bound)
+
+    @cached_property
+    def _own(self) -> np.ndarray:
+        """Indices of the tangential rows of the RID among all tangential ones, in the order of the RID."""
+        return np.searchsorted(self.whole.tangential, self._parts.within[self._inside.tangential])
+
+    @cached_property
+    def _outside(self) -> np.ndarray:
+        """Indices of the tangential rows outside the RID among all tangential ones, (t,)."""
+        return np.flatnonzero(~np.isin(self.whole.tangential, self._parts.within))
 
     @cached_property
     def _rows_outside(self) -> tuple[np.ndarray, np.ndarray]:
         """Gaps of the tangential rows outside the RID, (t, 1 + T), and B V, (t, ell)."""
-        rows = self.whole.tangential[self._frictional.rows_outside]
+        rows = self.whole.tangential[self._outside]
         return np.asfortranarray(self._fields.gaps[rows]), self._fields.contact_basis[rows]
 
 

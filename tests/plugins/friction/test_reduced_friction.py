@@ -15,6 +15,7 @@ from sheared import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
+from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.study.training.train import Training
@@ -196,7 +197,8 @@ def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
     small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
     with pytest.raises(NotSolvableError, match="friction has several answers: enrich the basis"):
         hhr.build(full, histories, small)
-    monkeypatch.setattr("hhr_dolfinx.plugins.friction.reduction.with_friction", lambda: small)
+    usual = lambda **changes: dataclasses.replace(small, **changes)  # noqa: E731
+    monkeypatch.setattr(hhr.Recipe, "of_paths", usual)
     model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
@@ -223,17 +225,18 @@ def test_nothing_is_known_of_forces_where_bodies_overlap_outside_the_domain(trai
     """No force in the RID would be explained by any modes; contact that has left it shows in the displacement."""
     fields = model.fields
     frictional, scale = fields.interface, fields.gap_scale
-    row = frictional.friction.normal[frictional.outside[0]]
+    friction = frictional.whole
+    row = friction.normal[~np.isin(friction.normal, frictional.within)][0]
     apart, deep = np.ones(len(scale)) * scale, np.ones(len(scale)) * scale
     deep[row] = -1e-4 * scale[row]
     nothing = np.zeros(model.own_conditions)
-    assert frictional.indicated(nothing, apart, scale) == 0.0
-    assert np.isinf(frictional.indicated(nothing, deep, scale))
-    forces = np.where(np.isin(fields.A_lambda, frictional.friction.normal), 1.0, 0.0)
-    said = frictional.indicated(forces, deep, scale)
-    assert said == frictional.indicated(forces, apart, scale) > 0.0
+    assert frictional.indicated(nothing, apart, scale, NO_MEMORY) == 0.0
+    assert np.isinf(frictional.indicated(nothing, deep, scale, NO_MEMORY))
+    forces = np.where(np.isin(fields.A_lambda, friction.normal), 1.0, 0.0)
+    said = frictional.indicated(forces, deep, scale, NO_MEMORY)
+    assert said == frictional.indicated(forces, apart, scale, NO_MEMORY) > 0.0
     deep[row] = -max(1.0, 10 * frictional.depth) * scale[row]
-    assert np.isinf(frictional.indicated(forces, deep, scale))
+    assert np.isinf(frictional.indicated(forces, deep, scale, NO_MEMORY))
 
 
 def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
