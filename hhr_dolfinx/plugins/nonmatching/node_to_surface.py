@@ -106,7 +106,8 @@ class NodeToSurface(SlaveAndMaster):
             kept, closest, normals, areas = _closest(slave, master, overlap)
         else:
             kept, closest, normals, areas = _along(slave, master, unit(self.normal, slave.points.shape[1]))
-        nodes, weights = master.facets[closest.facets], closest.weights
+        nodes = master.facets[closest.facets]
+        weights = closest.weights
         if master.quadratic is not None:  # the displacement has other functions than the flat parts of the facets
             whole, weights = master.quadratic.functions(closest.facets, weights)
             nodes = master.quadratic.nodes[whole]

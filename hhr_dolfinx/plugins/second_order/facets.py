@@ -218,7 +218,7 @@ def quadratic(local: np.ndarray, count: int) -> np.ndarray:
         first, second, third = shape_functions(local, 3)[0].T
         corners = [one * (2 * one - 1) for one in (first, second, third)]
         return np.column_stack([*corners, 4 * second * third, 4 * first * third, 4 * first * second])
-    x, y = _on_line(local[:, 0]), _on_line(local[:, 1])
+    x, y = map(_on_line, local[:, :2].T)
     return np.column_stack([x[:, i] * y[:, j] for i, j in _TENSOR])
 
 
