@@ -241,6 +241,7 @@ OF_PLUGINS = {
 """Kinds and places that plug-ins add, which may have been deleted."""
 BY_WORD = {
     "friction": "friction",
+    "HHR, friction": "differences",
     "flowing": "inelastic",
     "moduli": "moduli",
     "interpolated": "moduli",

@@ -113,7 +113,8 @@ def condensed(training):
 
 
 @pytest.mark.parametrize(
-    ("kind", "count", "off", "off_in_work"), [("model", 3, 0.02, 0.01), ("condensed", 4, 0.003, 0.005)]
+    ("kind", "count", "off", "off_in_work"),
+    [pytest.param("model", 3, 0.02, 0.01, marks=needs("differences")), ("condensed", 4, 0.003, 0.005)],
 )
 def test_unseen_paths(training, kind, count, off, off_in_work, request):
     """Measured: .9 and .4 %, condensed .15 and .24 %; where a contact opens within a step its path is 4 % off."""
@@ -189,7 +190,7 @@ def test_what_slides_far_is_told_of():
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
 
 
-@needs("local")
+@needs("differences", "local")
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):

@@ -21,6 +21,7 @@ from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import StageLog
 
+pytestmark = needs("differences")
 OUTPUTS = (
     hhr.ContactForce("normal", 0, (0.0, 1.0)), hhr.ContactForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0),
     hhr.DissipatedWork("work", 0), hhr.StickArea("sticks", 0), hhr.SlipArea("slips", 0),
