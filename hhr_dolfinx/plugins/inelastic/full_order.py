@@ -26,7 +26,7 @@ from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
-from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
+from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
@@ -142,7 +142,7 @@ class FullEquilibrium(MeshEquilibrium):
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
-        self.young = tuple(modulus.factor for modulus in gauss.moduli)
+        self.moduli = texts_of(gauss.moduli)
         self._set_middle(gauss.material)
 
     def _set_middle(self, material: Material) -> None:

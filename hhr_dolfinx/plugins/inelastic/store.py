@@ -44,6 +44,7 @@ class StoredGauss:
         groups = self._equilibrium.material.groups
         given = ((group.indices, group.young, group.poisson, group.places, _identity(group)) for group in groups)
         parts = [part for item in given for part in item]
+        parts += [group.grading for group in groups if group.grading.size]
         return parts + ([self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else [])
 
     def query(self, point: np.ndarray) -> list[str]:
