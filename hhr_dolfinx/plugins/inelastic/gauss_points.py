@@ -70,7 +70,7 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
         if body.stress is not None:
             stated = LinearStress(body.stress)
         if grading.size and stated is not None and stated.elastic:
-            stated = Graded(stated, young)
+            stated = Graded(stated, float(young))
         law = None if stated is None else stated.at_points(operator.components, plane_stress=flat)
         numbers = np.flatnonzero(of_point == place)
         given = Group(numbers, young, ratio, law, grading=grading)

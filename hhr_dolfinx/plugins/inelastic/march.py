@@ -236,7 +236,8 @@ def check_elasticity(moduli: Sequence[str], names: Sequence[str], path: Path) ->
             step = int(np.flatnonzero(values != values[0])[0])
             raise ParameterError(
                 f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
-                f"and the elasticity depends on it ({', '.join(texts)}): it must be the same along a history. "
+                f"and the elasticity or a shape depends on it ({', '.join(texts)}): they must be the same along a "
+                f"history. "
                 f"Keep {name} as it is along the path, or state the modulus in the law hhr.ChangingStiffness"
             )
 

@@ -249,7 +249,12 @@ class Material:
             found = copy(self)
             groups = enumerate(self.groups)
             found.groups = tuple(
-                replace(group, **{name: values[k, name] for name in group.texts}) for k, group in groups
+                replace(
+                    group,
+                    young=values.get((k, "young"), group.young),
+                    poisson=values.get((k, "poisson"), group.poisson),
+                )
+                for k, group in groups
             )
             found._moduli = None
             for name in ("elastic", "given"):

@@ -8,13 +8,14 @@ import pytest
 import ufl
 from condensing import EVERY, TIGHT, apart, condensed
 from dolfinx.mesh import compute_midpoints, meshtags
+from needs import needs
 from outside_laws import von_mises
 from scenes import block_scene, largest_difference, pressed_pair, slope
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
-from hhr_dolfinx.errors import ParameterError, ReductionError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.law_slopes import Along, Inputs, slopes_of
@@ -274,3 +275,54 @@ def test_what_is_refused():
         _ = material.elastic
     with pytest.raises(SceneError, match=r"poisson = nu is 0.6 at nu = 0.6: Poisson's ratio must lie in"):
         material.moduli_at(np.array([0.6]))
+
+
+CROWNED = "x", "y + crown * y * (x - 1.3)**2"
+
+
+def crowned(hypothesis, crown, **others):
+    """Blocks of which the lower one has a crown, of a parameter or a number, by which its mesh is made."""
+    law = hhr.Voce("0.05 + 0.01 * y", 0.02, 20.0, 0.2)
+    bodies = (hhr.Body(two_blocks.FIRST, "E1", "nu1", law, waves), hhr.Body(two_blocks.SECOND, 5.0, 0.3))
+    heat = hhr.ThermalExpansion(two_blocks.FIRST, 1e-4, "100 * push", field=lambda x: 1 + x[0] * x[1])
+    flank = hhr.Pressure(two_blocks.side(two_blocks.SECOND, 0, True), slope("load"))
+    output = hhr.VonMises("stress", two_blocks.FIRST, "mean")
+    given = {"cells": 4, "loads": (flank, heat), "outputs": (output,), **others}
+    if isinstance(crown, str):
+        given["shapes"] = (hhr.Shape(two_blocks.FIRST, CROWNED),)
+        return hhr.FullOrderModel(pressed_pair(hypothesis, bodies, RATIO | {"crown": (-0.1, 0.1)}, **given))
+    base = pressed_pair(hypothesis, bodies, RATIO, **given)
+
+    def geometry(comm):
+        mesh, cells, facets = base.geometry(comm)
+        own = np.unique(mesh.geometry.dofmaps[0][cells.find(two_blocks.FIRST)])
+        x, y = mesh.geometry.x[own, :2].T
+        mesh.geometry.x[own, 1] = y + crown * y * (x - 1.3) ** 2
+        return mesh, cells, facets
+
+    return hhr.FullOrderModel(dataclasses.replace(base, geometry=geometry))
+
+
+@needs("shapes")
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress"])
+def test_shapes_of_inelastic_bodies_are_those_of_their_meshes(hypothesis, tmp_path):
+    """Graded and heated, with laws of places, on a mesh that has this shape: gaps, strains and places change."""
+    varying = crowned(hypothesis, "crown")
+    expected = crowned(hypothesis, -0.08).march(path(*AT), NEWTON)
+    assert max(apart(varying.march(path(*AT, 0.02), NEWTON), expected)) > 1e-2
+    for known in (0, 4):  # solved, and from the store, which compares its equilibrium on this shape
+        store = hhr.SnapshotStore(tmp_path, varying)
+        (found,) = hhr.compute_snapshots(varying, [path(*AT, -0.08)], store=store, settings=NEWTON).histories
+        assert store.found == known
+        assert found.answers[-1].plastic_strain().max() > 1e-3 and not found.answers[0].active.all()
+        assert max(apart(found, expected, FIELDS)) < 1e-9
+        for one, other in zip(found.answers, expected.answers, strict=True):
+            assert one.outputs()["stress"] == pytest.approx(other.outputs()["stress"], rel=1e-9, abs=1e-15)
+    with pytest.raises(ParameterError, match=r"crown changes from 0 to 0.01 in step 1 .* or a shape depends on it"):
+        varying.march([(0.0, path(*AT, 0.0)[0][1]), (1.0, path(*AT, 0.01)[1][1])])
+    with pytest.raises(NotOfferedError, match="derivatives of histories along shapes are not built in"):
+        varying.march(path(*AT, -0.08), dataclasses.replace(NEWTON, gradient=True))
+    with pytest.raises(ReductionError, match="shapes of the scene are parameters, with which"):
+        condensed(varying, [found])
+    with pytest.raises(NotOfferedError, match=r"where shapes are parameters: give the shapes numbers"):
+        hhr.build(varying, hhr.SnapshotSet.of_histories([found]), hhr.Recipe.flowing())
