@@ -30,7 +30,7 @@ from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
+    from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 
 class DiscreteSpace(ABC):
@@ -77,8 +77,8 @@ class DiscreteSpace(ABC):
     def assembler(self, load: object) -> Assembler:
         """Interface for a load or an output."""
 
-    def bodies_with_laws(self) -> BodiesWithLaws | None:
-        """Bodies with laws on the mesh as it lies, which shapes move; None if all are elastic."""
+    def laws(self) -> LawsAtPlaces | None:
+        """Laws on the mesh as it lies, which shapes move; None if all bodies are elastic."""
         return None
 
     @property

@@ -230,8 +230,10 @@ class Equilibrium(ABC):
 
 
 def texts_of(moduli: Iterable[Modulus]) -> tuple[str, ...]:
-    """Formulas of moduli."""
-    return tuple(text for modulus in moduli for text in (modulus.factor, modulus.rest))
+    """Formulas of moduli, and names of parameters in what else varies."""
+    moduli = tuple(moduli)
+    rests = (name for modulus in moduli for name in modulus.rest_scalar.formula.variables)
+    return (*(modulus.factor for modulus in moduli), *rests)
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:

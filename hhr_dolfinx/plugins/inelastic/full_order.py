@@ -72,7 +72,7 @@ class GaussModel:
 class LawsOnMesh(Discretisation):
     """Discretisation of bodies with laws, whose stiffness is that of their Gauss points at rest."""
 
-    def bodies_with_laws(self) -> GaussModel:
+    def laws(self) -> GaussModel:
         """See :class:`~hhr_dolfinx.full_order.discrete_space.DiscreteSpace`."""
         operator = strain_operator(self)
         bodies = self.cell_bodies()
@@ -87,7 +87,7 @@ class LawsOnMesh(Discretisation):
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """See :class:`Discretisation`."""
-        found = self.bodies_with_laws()
+        found = self.laws()
         return found.stiffness, found.moduli
 
 
@@ -184,7 +184,7 @@ class FullEquilibrium(MeshEquilibrium):
         """Set all that the shape at a point, (P,), changes but the stiffness."""
         problem = shape(point)
         with shape.at(point):
-            gauss = self._discretisation.bodies_with_laws()
+            gauss = self._discretisation.laws()
             self._lay(gauss, problem)
         self.material = gauss.material.moduli_at(point)
 
@@ -370,4 +370,4 @@ def bodies_of(scene: Scene) -> GaussModel:
     for body in scene.bodies:
         names = coordinate_names(scene.hypothesis)
         check_law_over_box(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
-    return LawsOnMesh(scene, MPI.COMM_SELF).bodies_with_laws()
+    return LawsOnMesh(scene, MPI.COMM_SELF).laws()

@@ -430,7 +430,7 @@ def solve_points(
 
 
 @compiled(inner=True)
-def subtract(share, row, grading, to):
+def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray) -> None:
     """Subtract a share of a row, over the grading if there is any, from another row."""
     if grading.size > 0:
         for k in range(to.size):
