@@ -42,8 +42,7 @@ def stepped(program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarr
     components, points = strain.shape
     stress, new = np.empty_like(strain), np.empty_like(old)
     tangents, result = np.empty((components, components, points)), np.zeros(points, dtype=np.int64)
-    constants, _, compliance = given
-    solve_points(program.code, 0, 0, points, strain, old, dt, constants, compliance, stress, new, tangents, result)
+    solve_points(program.code, 0, 0, points, strain, old, dt, *given.numbers, stress, new, tangents, result)
     return stress, new, tangents, result
 
 

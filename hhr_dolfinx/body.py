@@ -37,11 +37,11 @@ class Body(KnownArguments):
         young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
             ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with laws of bodies
             it may differ between histories, but not along one.
-        poisson: Poisson's ratio, a number or a formula; a number in scenes with laws of bodies.
+        poisson: Poisson's ratio, a number or a formula, as ``young``.
         law: law in addition to elasticity, such as that of plasticity or creep, see :attr:`reader`; None for an elastic
             body.
         grading: factor of the modulus of a graded or layered body, as a function of the coordinates, UFL to UFL; None
-            for 1.
+            for 1. It multiplies no constant of a law.
         stress: user-defined linear elasticity in UFL, such as that of wood: a function of the strain, 3x3, that returns
             the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are then typical values that do not
             enter the stiffness. None for Hooke's law.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -28,6 +28,9 @@ from hhr_dolfinx.loads import Assembler, Terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 
 class DiscreteSpace(ABC):
@@ -73,6 +76,10 @@ class DiscreteSpace(ABC):
     @abstractmethod
     def assembler(self, load: object) -> Assembler:
         """Interface for a load or an output."""
+
+    def laws(self) -> LawsAtPlaces | None:
+        """Laws on the mesh as it lies, which shapes move; None if all bodies are elastic."""
+        return None
 
     @property
     def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:

@@ -67,13 +67,13 @@ def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict
     elastic = np.empty((of_point.size, *identity.shape))
     for place, (lam, mu) in moduli.items():
         elastic[of_point == place] = lam * np.outer(unit, unit) + 2 * mu * identity
-    elastic *= _gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
+    elastic *= gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
 
 
-def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
+def gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
     """Grading of the moduli of bodies, by their indices, at the Gauss points of cells, (cells, per_cell)."""
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()[cells]

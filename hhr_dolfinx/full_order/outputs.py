@@ -15,8 +15,7 @@ from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium, LawsAtPlaces
 
 
 def functionals_of(
@@ -43,7 +42,7 @@ def probe_of(
     output: Output,
     discretisation: DiscreteSpace,
     problem: ContactProblem,
-    laws: FullEquilibrium | BodiesWithLaws | None,
+    laws: LawsAtPlaces | None,
     base: ContactProblem | None = None,
 ) -> ModelProbe:
     """Interface for one output: the equilibrium of laws, or bodies with laws; ``base`` is ``problem`` unless given."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-
 from hhr_dolfinx import registry
+from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -14,21 +13,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.functionals.functional import Functional
-    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium, StressOutput
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
     from hhr_dolfinx.scene import Scene
 
 
-class BodiesWithLaws(Protocol):
+class BodiesWithLaws(LawsAtPlaces, Protocol):
     """Bodies with laws on the mesh of a scene."""
 
     discretisation: Discretisation  # mesh and forms; each process has the whole mesh
     stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness, (N, N) each
     moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
-    places: int  # number of places at which laws are evaluated
-
-    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
-        """Von Mises' stress of an output in some cells, by their numbers."""
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model, which has factored the elastic stiffness."""

@@ -204,10 +204,11 @@ def check_given(full: FullModel, snapshots: Any, recipe: object, held_out: Snaps
     if problem.law.plugin:
         completed(full)
     if problem.reshaped is not None:
-        raise NotOfferedError(
-            "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
-            "times as exact. Condense the scene, hhr.condense(scene), or hhr.train(scene, ...).condense()"
-        )
+        better = "give the shapes numbers, or take the full model"
+        if full.equilibrium is None:
+            better = "condensation is quicker there, and a million times as exact. Condense the scene, "
+            better += "hhr.condense(scene), or hhr.train(scene, ...).condense()"
+        raise NotOfferedError(f"hyper-reduction is not offered where shapes are parameters: {better}")
     for name, solutions in (("snapshots", snapshots), *([] if held_out is None else [("held_out", held_out)])):
         check_of_problem(name, solutions, problem)
         if full.equilibrium is not None:

@@ -259,14 +259,7 @@ def test_bodies_that_are_impossible_somewhere_are_refused_at_the_door(body, said
         pressed_pair("plane_strain", (body, (4.0, 0.3)), ONE)
 
 
-@needs("inelastic")
 def test_what_else_is_refused_or_warned_of():
-    for options in ({"poisson": "nu1"}, {"grading": lambda x: 1.0}):
-        with pytest.raises(SceneError, match=r"body 1 flows, and its Poisson's ratio .* Give it a constant poisson"):
-            hhr.Body(**{"tag": 1, "young": 3.0, "poisson": 0.3, "law": hhr.Plasticity(1.0, 0.1)} | options)
-    for other in ((4.0, "nu1"), hhr.Body(2, 4.0, 0.3, grading=lambda x: 2.0)):
-        with pytest.raises(SceneError, match=r"flow, and Poisson's ratio of bodies \[2\] depends .* Give these"):
-            pressed_pair("plane_strain", (hhr.Body(1, 3.0, 0.3, law=hhr.Plasticity(1.0, 0.1)), other), ONE)
     with pytest.raises(SceneError, match="the grading 3 must be a function of the coordinates"):
         hhr.Body(1, 3.0, 0.3, grading=3)
     with pytest.warns(SceneWarning, match=r"parameters \('nu1',\) .* have no effect: .* body"):

@@ -33,6 +33,17 @@ class StressOutput(Protocol):
     kind: str  # ``mean`` for the mean over the volume, otherwise the largest value
 
 
+class LawsAtPlaces(Protocol):
+    """Laws at the Gauss points of a mesh."""
+
+    @property
+    def places(self) -> int:
+        """Number of these places."""
+
+    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
+        """Von Mises' stress of an output in some cells, by their numbers."""
+
+
 class Equilibrium(Protocol):
     """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it."""
 
@@ -56,16 +67,11 @@ class Equilibrium(Protocol):
         """Answer of a model at a point, (P,), by one step from rest; ``step``: further arguments of its ``solve``."""
 
 
-class FullEquilibrium(Equilibrium, Protocol):
+class FullEquilibrium(Equilibrium, LawsAtPlaces, Protocol):
     """Equilibrium on the whole mesh."""
 
-    places: int  # number of places at which laws are evaluated
-
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation at these places, (places, components)."""
-
-    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
-        """Von Mises' stress of an output in some cells, by their numbers."""
+        """Stress in Kelvin's notation where laws are evaluated, (places, components)."""
 
 
 def facet_of(equilibrium: Equilibrium, word: str, what: str) -> Any:

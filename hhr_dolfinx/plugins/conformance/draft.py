@@ -216,9 +216,17 @@ class Draft:
         lower, upper = (changed(body) if body.tag == tag else body for body in self.bodies)
         return replace(self, bodies=(lower, upper))
 
+    @property
+    def hookean(self) -> Body:
+        """The first body that does not state its elasticity by itself."""
+        bodies = [body for body in self.bodies if body.stress is None and not getattr(body.law, "elastic", False)]
+        self.exclude(not bodies, "each body states its elasticity by itself")
+        return bodies[0]
+
     def with_body_law(self, law: Law) -> Draft:
-        """The draft with a law of the first body that has none."""
-        without = [body.tag for body in self.bodies if body.law is None]
+        """The draft with a law of the first body that has none, and no formulas that the law would leave out."""
+        left_out = getattr(law, "elastic", False)
+        without = [body.tag for body in self.bodies if body.law is None and not (left_out and body.varies)]
         self.exclude(not without, "both bodies have a law, and a body has one")
         return self.with_body(without[0], lambda body: replace(body, law=law))
 

@@ -22,15 +22,18 @@ if TYPE_CHECKING:
 
 
 def young(draft: Draft, neutral: bool) -> Draft:
-    """Young's modulus of the lower block as a parameter."""
-    draft = draft.with_parameter("E1", 2.0, 5.0, 3.0 if neutral else 3.9)
-    return draft.with_body(FIRST, lambda body: replace(body, young="E1"))
+    """Young's modulus as a parameter: of the lower block, or of one that does not state it itself."""
+    body = draft.hookean
+    factor = float(body.young) / 3.0
+    values = (2.0 * factor, 5.0 * factor, (3.0 if neutral else 3.9) * factor)
+    draft = draft.with_parameter("E1", *values)
+    return draft.with_body(body.tag, lambda body: replace(body, young="E1"))
 
 
 def poisson(draft: Draft, neutral: bool) -> Draft:
-    """Poisson's ratio of the lower block as a parameter."""
+    """Poisson's ratio of such a block as a parameter."""
     draft = draft.with_parameter("nu1", 0.15, 0.4, 0.3 if neutral else 0.23)
-    return draft.with_body(FIRST, lambda body: replace(body, poisson="nu1"))
+    return draft.with_body(draft.hookean.tag, lambda body: replace(body, poisson="nu1"))
 
 
 def opening(draft: Draft, neutral: bool) -> Draft:

@@ -192,6 +192,8 @@ class _Data:
         if group["law"] is not None:
             self.parts.append(f"static const model_program model_program{number} = {self._program(group['law'])};")
             fields["law"] = f"&model_program{number}"
+        if grading := group["grading"]:
+            fields["grading"] = self._put(grading)
         if places := group["places"]:
             fields |= {"places": self._put(places), "coordinates": self.arrays[places].shape[1]}
         return _record(fields)

@@ -55,16 +55,19 @@ static inline double model_norm(const double *values, int count) {
     return sqrt(squares);
 }
 
+/* Factor of C at a point of a body. */
+static inline double model_grading(const model_body *body, int point) { return body->grading ? body->grading[point] : 1; }
+
 /* Weights times the stress of each mode. */
 static inline void model_set_tested(model_path *p) {
     const int n = MODEL_POINTS, c = MODEL_COMPONENTS;
-    for (int g = 0, k = 0; g < MODEL_BODIES; g++)
-        for (int last = k + model_bodies[g].points; k < last; k++)
+    for (int g = 0, k = 0, first = 0; g < MODEL_BODIES; first += model_bodies[g++].points)
+        for (; k < first + model_bodies[g].points; k++)
             for (int row = 0; row < MODEL_MODES * c; row++) {
                 const double *own = model_per_mode + (size_t)(row / c) * MODEL_SIZE + k, *elastic = model_bodies[g].elastic + row % c * c;
                 double stress = 0;
                 for (int l = 0; l < c; l++) stress += elastic[l] * own[l * n];
-                p->tested[(size_t)row * n + k] = model_weights[k] * stress;
+                p->tested[(size_t)row * n + k] = model_weights[k] * model_grading(&model_bodies[g], k - first) * stress;
             }
     p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
 }
@@ -127,7 +130,7 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
 
 /* E, the ratio of Poisson and the constants of the law of each point; 0 if they are invalid. */
 static inline int model_set_constants(model_path *p, const double *point) {
-    double at[MODEL_PARAMETERS + 3], *found = p->constants;
+    double at[MODEL_PARAMETERS + 4], *found = p->constants; /* with three coordinates and the grading */
     memcpy(at, point, MODEL_PARAMETERS * sizeof(double));
     for (int g = 0; g < MODEL_BODIES; g++) {
         const model_body *body = &model_bodies[g];
@@ -180,14 +183,15 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
 /* Memory of all points at the end of an increment or, with a number of those that flow, their slopes; 0 without an answer. */
 static inline int model_set_memory(model_path *p, const model_state *before, model_trial *out, int *count) {
     const int n = MODEL_POINTS, c = MODEL_COMPONENTS;
-    double strain[MODEL_COMPONENTS], old[MODEL_MEMORY];
-    int k = 0;
+    double strain[MODEL_COMPONENTS], old[MODEL_MEMORY], compliance[MODEL_COMPONENTS * MODEL_COMPONENTS];
+    int k = 0, first = 0;
     if (!count) memcpy(out->memory, before->memory, sizeof out->memory);
-    for (int g = 0; g < MODEL_BODIES; g++)
-        for (int last = k + model_bodies[g].points; k < last; k++) {
+    for (int g = 0; g < MODEL_BODIES; first += model_bodies[g++].points)
+        for (; k < first + model_bodies[g].points; k++) {
             const model_program *law = model_bodies[g].law;
-            const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS, *compliance = p->compliances[g];
+            const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS, graded = model_grading(&model_bodies[g], k - first);
             if (!law) continue;
+            for (int i = 0; i < c * c; i++) compliance[i] = p->compliances[g][i] / graded;
             for (int i = 0; i < c; i++) strain[i] = out->strain[i * n + k];
             for (int i = 0; i < law->memory; i++) old[i] = before->memory[i * n + k];
             if (!model_solve_law(law, p->place, strain, old, p->dt, constants, compliance)) return 0;

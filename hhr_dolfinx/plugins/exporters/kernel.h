@@ -81,7 +81,8 @@ typedef struct { /* a law of bodies as a program: rows of an operation, its resu
 typedef struct {
     double (*const *constants)(const double *); /* E, the ratio of Poisson, and those of its law */
     const double *places;                       /* of its points, if constants vary in space */
-    const double *elastic, *compliance;         /* C and C^-1 in the middle of the box */
+    const double *grading;                      /* factor of C at its points; NULL for 1 */
+    const double *elastic, *compliance;         /* C and C^-1 in the middle of the box, for the grading 1 */
     const model_program *law;                   /* NULL for an elastic body */
     int points, constants_count, coordinates;
 } model_body;

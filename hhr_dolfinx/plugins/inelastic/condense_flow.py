@@ -471,6 +471,7 @@ class _FieldModes:
     displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
     elastic: np.ndarray  # C of each body, in the middle of the box
     kinds: np.ndarray  # body of each Gauss point
+    grading: np.ndarray  # factor of its C, (Gauss points,); empty for 1
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
@@ -485,6 +486,7 @@ class _FieldModes:
         kinds = np.empty(material.gauss_points, dtype=np.int64)
         for number, group in enumerate(material.groups):
             kinds[group.indices] = number
+        grading = material.grading
         elastic = material.elastic
         forces = np.empty((len(problem.free), plastic.shape[1]))
         stress = np.zeros(elastic.shape[:2])
@@ -493,7 +495,7 @@ class _FieldModes:
             column[:] = equilibrium.internal(stress)[0]
         displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
-        return cls(flowed, plastic, cumulated, displacements, bodies, kinds)
+        return cls(flowed, plastic, cumulated, displacements, bodies, kinds, grading)
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
@@ -510,4 +512,5 @@ class _FieldModes:
             equilibrium.eigenstrains,
             self.elastic,
             self.kinds,
+            self.grading,
         )

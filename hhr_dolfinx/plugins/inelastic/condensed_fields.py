@@ -21,6 +21,7 @@ from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
+from hhr_dolfinx.plugins.inelastic.law import UNGRADED
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
@@ -55,6 +56,7 @@ class PlasticFields:
     unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]  # strains without stress
     elastic: Annotated[Floats, "kinds", "components", "components"]  # different C in the middle of the box
     kinds: Annotated[Integers, "gauss points", "< kinds"]  # that of each Gauss point
+    grading: Annotated[Floats, "graded"] = field(default_factory=lambda: UNGRADED)  # factor of that, or empty for 1
 
     def __post_init__(self) -> None:
         """Convert the arrays to the layout of files."""
@@ -64,8 +66,10 @@ class PlasticFields:
         """Faults: points that do not increase, moduli that are not positive, strain and modes of other sizes."""
         if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
             yield "the points that flowed must increase, those where laws are evaluated among them"
-        if not (np.linalg.eigvalsh(self.elastic) > 0).all():
+        if not (np.linalg.eigvalsh(self.elastic) > 0).all() or not (self.grading > 0).all():
             yield "the elasticity of a Gauss point is not positive definite"
+        if self.grading.size not in (0, self.places):
+            yield f"a grading of {self.grading.size} points is not one of {self.places} points"
         components = self.strain.components
         count = self.plastic.modes.shape[1]
         found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
@@ -83,7 +87,8 @@ class PlasticFields:
     @cached_property
     def shear(self) -> np.ndarray:
         """2 μ of each Gauss point, or of anisotropic ones that of the last component, (Gauss points,)."""
-        return self.elastic[self.kinds, -1, -1]
+        found = self.elastic[self.kinds, -1, -1]
+        return found * self.grading if self.grading.size else found
 
     def stress_of(self, answer: Answer) -> np.ndarray:
         """Stress of an answer, which depends on its elastic part: that of its fields."""
@@ -114,7 +119,7 @@ class PlasticFields:
         for kind, elastic in enumerate(self.elastic):
             own = self.kinds == kind
             found[own] = found[own] @ elastic
-        return found
+        return found * self.grading[:, None] if self.grading.size else found
 
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).

@@ -36,7 +36,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, extrapolated
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, extrapolated, texts_of
 from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
@@ -110,7 +110,7 @@ class CondensedEquilibrium(Histories):
         self.parameters = parameters
         self.fields = fields
         self.material = Material(flow.groups, flow.components, parameters.names)
-        self.young = tuple(modulus.factor for modulus in flow.factors.moduli)
+        self.moduli = texts_of(flow.factors.moduli)
         self.points = flow.points
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)
@@ -184,14 +184,14 @@ class CondensedEquilibrium(Histories):
     def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
         """See :class:`Equilibrium`; compliances change too."""
         change = self.free_strain @ way.change
-        if self.young:
+        if self.moduli:
             elastic = self.flow.forced @ way.theta - x[self.modes :] @ self.flow.per_force
             change = change + np.tile(self._softer(way)[self.flow.parts], self.flow.components) * elastic
         return self._by_point(change)
 
     def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
         """See :class:`Equilibrium`."""
-        if not self.young:
+        if not self.moduli:
             return self.gaps(way.change)
         softer = self._softer(way)
         by_forces = np.tensordot(softer, self.flow.schur, 1) @ x[self.modes :]
@@ -204,7 +204,7 @@ class CondensedEquilibrium(Histories):
         unknown = np.concatenate([np.zeros(self.modes), elastic])
         changes, _ = self._equalities(elastic > 0, self.gaps_along(unknown, way))
         found = flow.tested @ change.state.inelastic.T.ravel() + self._coupled @ changes
-        if self.young:
+        if self.moduli:
             softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
             found -= softer @ (x[self.modes :] - elastic)
         return found
@@ -401,7 +401,7 @@ def laws_of(material: Material) -> StepLaws:
     for group, given in zip(material.groups, material.given, strict=True):
         constants[: len(given.constants), group.indices] = given.constants
     compliance = np.stack([given.compliance for given in material.given])
-    return StepLaws(material.code, numbers, constants, compliance)
+    return StepLaws(material.code, numbers, constants, compliance, material.grading)
 
 
 class CondensedFlowModel(KeptModel):

@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points
+from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points, subtract
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Evaluate the laws at the trial point, or the reason to stop."""
@@ -76,7 +76,8 @@ class StepLaws(NamedTuple):
     code: Code  # of all laws
     numbers: np.ndarray  # of the law of each group in ``code``; -1 of an elastic one, (G,)
     constants: np.ndarray  # E, ν and those of the law of each point, (most, n)
-    compliance: np.ndarray  # C^-1 of each group, (G, c, c)
+    compliance: np.ndarray  # C^-1 of each group for the grading 1, (G, c, c)
+    grading: np.ndarray  # factor of C at each point, (n,); empty for 1
 
 
 class Work(NamedTuple):
@@ -348,18 +349,18 @@ def _evaluate(ends, load, laws, work, tangent):
         end = ends[group]
         law = laws.numbers[group]
         if law >= 0:  # else memory and slopes stay 0
-            given = laws.constants, laws.compliance[group]
+            given = laws.constants, laws.compliance[group], laws.grading
             found = work.stress, work.memory, tangents, work.result
             solve_points(laws.code, law, start, end, strain, load.memory, load.dt, *given, *found)
             for i in range(laws.code.sizes[law, MEMORY], len(work.memory)):
                 work.memory[i, start:end] = load.memory[i, start:end]
             if tangent:
-                _store_slopes(work.slopes, tangents, given[1], start, end)
+                _store_slopes(work.slopes, tangents, given[1], laws.grading, start, end)
         start = end
 
 
 @compiled(inner=True)
-def _store_slopes(slopes, tangents, compliance, start, end):
+def _store_slopes(slopes, tangents, compliance, grading, start, end):
     """1 - C^-1 H at the points of a group."""
     for i in range(len(compliance)):
         for j in range(len(compliance)):
@@ -368,9 +369,7 @@ def _store_slopes(slopes, tangents, compliance, start, end):
             for m in range(len(compliance)):
                 share = compliance[i, m]
                 if share != 0.0:
-                    row = tangents[m, j, start:end]
-                    for k in range(to.size):
-                        to[k] -= share * row[k]
+                    subtract(share, tangents[m, j, start:end], grading[start:end], to)
 
 
 @compiled(inner=True)

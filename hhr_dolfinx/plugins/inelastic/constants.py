@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import RANGES
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import ParameterError, SceneError
 
@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.parameters import ParameterSpace
 
+MUST = {
+    "young": "Young's modulus must be positive and finite",
+    "poisson": "Poisson's ratio must lie in (-1, 0.5)",
+}
+"""What elastic constants must be, by name."""
 MOST_PLACES = 100
 """Places at which constants that vary in space are checked."""
 
@@ -115,33 +120,38 @@ class LawOfParameters:
 
 
 class ModuliOfParameters:
-    """Young's moduli that are formulas of these parameters, by the number of their body; SceneError if they are not."""
+    """Young's moduli and Poisson's ratios that are formulas of these parameters; SceneError if they are not.
 
-    def __init__(self, texts: dict[int, str], names: Sequence[str]):
+    They have the number of their body and ``young`` or ``poisson`` as keys.
+    """
+
+    def __init__(self, texts: dict[tuple[int, str], str], names: Sequence[str]):
         # imported here, since most moduli are numbers
         from hhr_dolfinx.formulas import Scalar
 
         self._names = tuple(names)
-        self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
+        self._scalars = {key: Scalar(text, self._names) for key, text in texts.items()}
 
-    def along(self, point: np.ndarray, directions: np.ndarray) -> dict[int, np.ndarray]:
-        """Derivatives of the moduli at a point, (P,), along directions, (P, K), by number: (K,)."""
-        return {number: scalar.derivative(point) @ directions for number, scalar in self._scalars.items()}
+    def along(self, point: np.ndarray, directions: np.ndarray) -> dict[tuple[int, str], np.ndarray]:
+        """Derivatives of the constants at a point, (P,), along directions, (P, K): (K,) each."""
+        return {key: scalar.derivative(point) @ directions for key, scalar in self._scalars.items()}
 
-    def values(self, point: np.ndarray) -> dict[int, float]:
-        """The moduli at a point, (P,), by number; SceneError for one that is not positive and finite."""
+    def values(self, point: np.ndarray) -> dict[tuple[int, str], float]:
+        """The constants at a point, (P,); SceneError for an impossible one."""
         found = {}
-        for number, scalar in self._scalars.items():
+        for key, scalar in self._scalars.items():
+            name = key[1]
             try:
-                found[number] = scalar.value(point)
+                found[key] = scalar.value(point)
             except ParameterError as error:
                 raise SceneError(
-                    f"young = {scalar.text}: {error}. Give the table further points, or narrow the box"
+                    f"{name} = {scalar.text}: {error}. Give the table further points, or narrow the box"
                 ) from None
-            if not 0 < found[number] < math.inf:
+            low, high = RANGES[name]
+            if not low < found[key] < high:
                 raise SceneError(
-                    f"young = {scalar.text} is {found[number]:g} at {_place(self._names, point)}: Young's modulus must "
-                    "be positive and finite. Change the formula, or narrow the box of the parameters"
+                    f"{name} = {scalar.text} is {found[key]:g} at {_place(self._names, point)}: {MUST[name]}. Change "
+                    "the formula, or narrow the box of the parameters"
                 )
         return found
 
@@ -171,36 +181,31 @@ def check_law_over_box(
         raise SceneError(f"{what}: {error}") from None
 
 
-def _uneven(body: Body) -> bool:
-    """True if more of the elasticity than a common factor depends on parameters or on position."""
-    return isinstance(body.poisson, str) or body.grading is not None
-
-
 class _LawsOfScenes:
     parameters_of = staticmethod(parameters_of)
 
     def check_body(self, body: Body) -> None:
-        """Raise SceneError for elasticity that varies in space, or a ratio that is a formula."""
-        if _uneven(body):
+        """Raise SceneError for elastic constants that are formulas beside a law that states the elasticity.
+
+        A grading multiplies a linear stress. Of a law with a memory it would have to say what else it changes.
+        """
+        law = body.law
+        if not getattr(law, "elastic", False):
+            return
+        named = [name for name in RANGES if isinstance(getattr(body, name), str)]
+        if named:
             raise SceneError(
-                f"body {body.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
-                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
-                "each of its values, and no grading"
+                f"body {body.tag} has elasticity of its own, {law.name}: its {' and '.join(named)} must be a number, "
+                "since it does not enter"
+            )
+        if body.grading is not None and (law.memory or law.unknowns):
+            raise SceneError(
+                f"body {body.tag} has a grading, and {law.name} states elasticity and flow of its own: whether "
+                "strengths grow with the moduli is not stated. Write it into the law, and leave the grading out"
             )
 
     def check_scene(self, scene: Any) -> None:
-        """Raise SceneError for other bodies of such elasticity, and for shapes."""
-        others = [body.tag for body in scene.bodies if _uneven(body)]
-        if others:
-            raise SceneError(
-                f"bodies of scene '{scene.name}' flow, and Poisson's ratio of bodies {others} depends on parameters, "
-                "or their elasticity on the place: that is not built in, only young may be a formula. Give these a "
-                "constant poisson and no grading"
-            )
-        if scene.shapes:
-            raise SceneError(
-                f"bodies of scene '{scene.name}' flow, and their shape depends on parameters: not built in"
-            )
+        """All other parts of a scene fit."""
 
 
 SCENES = _LawsOfScenes()

@@ -69,8 +69,18 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     """Part of the stiffness of each dof, (N,), and the moduli of the parts; ReductionError if parts are connected."""
+    if problem.reshaped is not None:
+        raise ReductionError(
+            "shapes of the scene are parameters, with which K^-1 and all strains of inelastic bodies change: give the "
+            "shapes numbers, or take the full model"
+        )
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
+    if any(modulus.rest != "1" for modulus in problem.moduli):
+        raise ReductionError(
+            "Poisson's ratio of a body is a formula, by which volume and shape change apart, so that K^-1 is no factor "
+            "times a constant: give it a number, or take the hyper-reduced model"
+        )
     acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
     acting = problem.prolongation.touched(acting.T).T
     if (acting.sum(axis=0) > 1).any():

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from dataclasses import dataclass
 from math import prod
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import LastOf, Material
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,7 @@ class Equilibrium(ABC):
     parameters: ParameterSpace
     fields: Any  # completes its answers
     material: Material  # at its Gauss points
-    young: tuple[str, ...]  # formulas of moduli of all bodies, also of those without Gauss points in the model
+    moduli: tuple[str, ...]  # formulas of the elasticity of all bodies, also of those without Gauss points in the model
     points: np.ndarray  # numbers of its Gauss points in the full model
     per_cell: int  # Gauss points of a cell of the full model
     size: int  # number of unknowns
@@ -162,7 +165,7 @@ class Equilibrium(ABC):
 
         SceneError for an impossible modulus, NotSolvableError for a singular stiffness.
         """
-        if not self.young:
+        if not self.moduli:
             return self
         weights = self._middle._weights(point)
         return self._elasticities.of(weights.tobytes(), lambda: self._middle._with(weights, point))
@@ -224,6 +227,13 @@ class Equilibrium(ABC):
     @abstractmethod
     def linearised(self, tangents: Any) -> Any:
         """Linearisation for consistent tangents, with ``changed``; those of earlier tangents become invalid."""
+
+
+def texts_of(moduli: Iterable[Modulus]) -> tuple[str, ...]:
+    """Formulas of moduli, and names of parameters in what else varies."""
+    moduli = tuple(moduli)
+    rests = (name for modulus in moduli for name in modulus.rest_scalar.formula.variables)
+    return (*(modulus.factor for modulus in moduli), *rests)
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:

@@ -16,9 +16,9 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.group import group_of, share
@@ -26,7 +26,7 @@ from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
-from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
+from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 class GaussModel:
     """Gauss points and laws of a whole mesh."""
 
-    discretisation: Discretisation  # mesh and forms
+    discretisation: LawsOnMesh  # mesh and forms
     operator: StrainOperator  # strain at all Gauss points
     material: Material  # laws at all Gauss points
     bodies: np.ndarray  # body of each cell as its index in the scene, (cells,)
@@ -67,6 +67,28 @@ class GaussModel:
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
         return FullEquilibrium(full, self)
+
+
+class LawsOnMesh(Discretisation):
+    """Discretisation of bodies with laws, whose stiffness is that of their Gauss points at rest."""
+
+    def laws(self) -> GaussModel:
+        """See :class:`~hhr_dolfinx.full_order.discrete_space.DiscreteSpace`."""
+        operator = strain_operator(self)
+        bodies = self.cell_bodies()
+        material = material_at(self, bodies, operator)
+        pattern = operator.pattern()
+        parts = stiffness_parts(material, operator, pattern)
+        if self.springs is not None:
+            from hhr_dolfinx.full_order.varying import with_springs
+
+            parts = with_springs(self.scene.parameters.names, self.springs, *parts)
+        return GaussModel(self, operator, material, bodies, pattern, *parts)
+
+    def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+        """See :class:`Discretisation`."""
+        found = self.laws()
+        return found.stiffness, found.moduli
 
 
 class LazyStiffness(SparseStiffness):
@@ -109,12 +131,15 @@ class FullEquilibrium(MeshEquilibrium):
         super().__init__()
         problem = full.problem
         self.fields = self._full = full
-        self.problem = problem
-        # with K of all dofs, as if none depended on others
-        every = replace(problem.prolongation, map=None)
-        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, prolongation=every)
+        self._discretisation = gauss.discretisation
+        self.shape = problem.reshaped
+        if self.shape is not None and (full.comm.size > 1 or problem.kernel is not None):
+            raise SceneError(
+                f"the shape of scene '{full.scene.name}' depends on parameters, and bodies flow: build its model on "
+                "one rank, and hold all bodies by displacements"
+            )
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
-        self.operator = gauss.operator
+        self._lay(gauss, problem)
         self.places = gauss.places
         self.mises = partial(mises, gauss.operator)
         self.amplitudes = problem.amplitudes
@@ -126,7 +151,6 @@ class FullEquilibrium(MeshEquilibrium):
         self.points = np.arange(self.operator.gauss_points)
         self.per_cell = self.operator.per_cell
         self.patience = PATIENCE_IN_SPACE if problem.block_size == 3 else PATIENCE
-        self._pattern = gauss.pattern
         self._pairs = Pairs.of(problem.contact_pairs)
         # made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
         # 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
@@ -135,15 +159,34 @@ class FullEquilibrium(MeshEquilibrium):
         self.lock = RLock()
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
-        self._transposed = problem.contact.T.tocsr()
-        self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
-        if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
-            self.eigenstrains = at_gauss_points(gauss.discretisation, self.operator)
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
-        self.young = tuple(modulus.factor for modulus in gauss.moduli)
+        shaped = () if self.shape is None else tuple(problem.parameters.names[axis] for axis in self.shape.axes)
+        self.moduli = texts_of(gauss.moduli) + shaped
         self._set_middle(gauss.material)
+
+    def _lay(self, gauss: GaussModel, problem: ContactProblem) -> None:
+        """Set what depends on the shape of the bodies but the elasticity."""
+        self.problem = problem
+        # with K of all dofs, as if none depended on others
+        every = replace(problem.prolongation, map=None)
+        self._meshed = replace(problem, stiffness_terms=gauss.stiffness, prolongation=every)
+        self.operator = gauss.operator
+        self._pattern = gauss.pattern
+        self._transposed = problem.contact.T.tocsr()
+        strains = self.operator.gauss_points * self.operator.components
+        self.eigenstrains = csc_matrix((strains, problem.amplitudes.firsts[-1]))
+        if any(hasattr(load, "eigenstrain_of") for load in self._discretisation.scene.loads):
+            self.eigenstrains = at_gauss_points(self._discretisation, self.operator)
+
+    def _reshape(self, shape: Reshaping, point: np.ndarray) -> None:
+        """Set all that the shape at a point, (P,), changes but the stiffness."""
+        problem = shape(point)
+        with shape.at(point):
+            gauss = self._discretisation.laws()
+            self._lay(gauss, problem)
+        self.material = gauss.material.moduli_at(point)
 
     def _set_middle(self, material: Material) -> None:
         """Set the elasticity of the middle of the box; the material keeps its formulas."""
@@ -172,7 +215,12 @@ class FullEquilibrium(MeshEquilibrium):
         return gauss_of(answer).state.cumulated.copy()
 
     def _marching(self, settings: MarchSettings) -> FullEquilibrium:
-        """Ranks share the Gauss points, but for derivatives."""
+        """Ranks share the Gauss points, but for derivatives; NotOfferedError for derivatives along shapes."""
+        if settings.gradient and self.shape is not None:
+            raise NotOfferedError(
+                "derivatives of histories along shapes are not built in, since strains change with them: take "
+                "differences of answers"
+            )
         return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
@@ -204,19 +252,23 @@ class FullEquilibrium(MeshEquilibrium):
         return found
 
     def _weights(self, point: np.ndarray) -> np.ndarray:
-        return self.problem.weights(point)
+        weights = self.problem.weights(point)
+        return weights if self.shape is None else np.append(weights, point[list(self.shape.axes)])
 
     def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
-        """Set K at a point.
+        """Set K at a point, and all that depends on the shape there.
 
         If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row
         divided by the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
         """
         full = self._full
-        self._set_stiffness(self._meshed.combined(weights))
+        if self.shape is not None:
+            self._reshape(self.shape, point)
+            weights = self.problem.weights(point)
+        self._set_stiffness(self._meshed.stiffness_of(weights))
         tangents = self._unchanged.tangents
         if full.system.bodies is None:
-            self.elastic = self._lazy(self.problem.combined(weights), full.store, tangents)
+            self.elastic = self._lazy(self.problem.stiffness_of(weights), full.store, tangents)
             return
         scaled = full.system.stiffness(point)
         assert isinstance(scaled, ScaledStiffness)
@@ -318,14 +370,4 @@ def bodies_of(scene: Scene) -> GaussModel:
     for body in scene.bodies:
         names = coordinate_names(scene.hypothesis)
         check_law_over_box(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
-    discretisation = Discretisation(scene, MPI.COMM_SELF)
-    operator = strain_operator(discretisation)
-    bodies = discretisation.cell_bodies()
-    material = material_at(discretisation, bodies, operator)
-    pattern = operator.pattern()
-    parts = stiffness_parts(material, operator, pattern)
-    if discretisation.springs is not None:
-        from hhr_dolfinx.full_order.varying import with_springs
-
-        parts = with_springs(scene.parameters.names, discretisation.springs, *parts)
-    return GaussModel(discretisation, operator, material, bodies, pattern, *parts)
+    return LawsOnMesh(scene, MPI.COMM_SELF).laws()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -12,12 +13,13 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.forms.elasticity import kelvin
+from hhr_dolfinx.forms.elasticity import kelvin, unit_moduli
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
+from hhr_dolfinx.full_order.gauss_points import averaged, gradings, tabulated
 from hhr_dolfinx.loads import checked_terms
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box, parameters_of
+from hhr_dolfinx.plugins.inelastic.law import UNGRADED, Graded
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity, LinearStress
 from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -37,22 +39,41 @@ def places_of(discretisation: DiscreteSpace) -> np.ndarray:
     return np.reshape(place, (-1, mesh.geometry.dim))
 
 
+def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
+    """Grading of a body, by its index, at its Gauss points, (n,); empty without one.
+
+    SceneError if it is not positive.
+    """
+    body = discretisation.scene.bodies[place]
+    if body.grading is None:
+        return UNGRADED
+    cells = np.flatnonzero(discretisation.cell_bodies() == place)
+    found = gradings(discretisation, [place], cells).ravel()
+    if not (np.isfinite(found) & (found > 0)).all():
+        raise SceneError(
+            f"the grading of body {body.tag} is {found[int(np.argmin(found > 0))]:g} at a Gauss point: it must be "
+            "positive and finite on the body"
+        )
+    return found
+
+
 def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator) -> Material:
     """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
     scene = discretisation.scene
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
     for place, body in enumerate(scene.bodies):
-        young = body.young if isinstance(body.young, str) else float(body.young)
+        young, ratio = (text if isinstance(text, str) else float(text) for text in (body.young, body.poisson))
+        grading = grading_at(discretisation, place)
         flat = scene.hypothesis == "plane_stress"
         stated = Elasticity() if body.law is None and flat else body.law
         if body.stress is not None:
             stated = LinearStress(body.stress)
+        if grading.size and stated is not None and stated.elastic:
+            stated = Graded(stated, float(young))
         law = None if stated is None else stated.at_points(operator.components, plane_stress=flat)
-        if law is not None and law.elastic and isinstance(young, str):
-            raise SceneError(f"body {body.tag} has elasticity of its own, {law.name}: its young must be a number")
         numbers = np.flatnonzero(of_point == place)
-        given = Group(numbers, young, float(body.poisson), law)
+        given = Group(numbers, young, ratio, law, grading=grading)
         names = coordinate_names(scene.hypothesis)
         if parameters_of(law) & (set(names) - set(scene.parameters.names)):
             given = replace(given, coordinates=names, places=places_of(discretisation)[numbers])
@@ -64,27 +85,40 @@ def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: Str
 def stiffness_parts(
     material: Material, operator: StrainOperator, pattern: SparsePattern
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of the elastic stiffness, (N, N) each, one for each formula and one for numbers, and their moduli.
+    """Parts of the elastic stiffness, (N, N) each, and their moduli.
 
-    Constant elasticity has one part and no modulus.
+    A formula of E has a part, one of ν a part for the change of volume and one for that of shape, and all numbers have
+    one part. Constant elasticity has one part and no modulus.
     """
-    formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
-    if not formulas:
+    if not any(group.texts for group in material.groups):
         return (operator.stiffness(material.elastic, pattern),), ()
+    shares: dict[tuple[str, str], list[tuple[Group, np.ndarray]]] = {}
+    for group in sorted(material.groups, key=lambda group: not group.texts):
+        for *key, elastic in _parts_of(group, material.components):
+            shares.setdefault((key[0], key[1]), []).append((group, elastic))
     parts = []
-    moduli = []
-    for text in (*formulas, None):
+    for members in shares.values():
         elastic = np.zeros((material.gauss_points, material.components, material.components))
-        acting = False
-        for group in material.groups:
-            if group.young == text or (text is None and not isinstance(group.young, str)):
-                young = 1.0 if text is not None else float(group.young)
-                elastic[group.indices] = replace(group, young=young).elasticity(material.components)[0]
-                acting = True
-        if acting:
-            parts.append(operator.stiffness(elastic, pattern))
-            moduli.append(Modulus("1" if text is None else text, "1", material.names))
-    return tuple(parts), tuple(moduli)
+        for group, own in members:
+            graded = group.grading[:, None, None] if group.grading.size else 1.0
+            elastic[group.indices] = own * graded
+        parts.append(operator.stiffness(elastic, pattern))
+    return tuple(parts), tuple(Modulus(*key, material.names) for key in shares)
+
+
+def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Parts of C of a group for the grading 1: two factors as formulas, and what they multiply, (c, c)."""
+    if isinstance(group.poisson, str):
+        flat = group.law is not None and group.law.plane_stress
+        unit = np.where(np.arange(components) < (2 if flat else 3), 1.0, 0.0)
+        rests = unit_moduli(group.poisson, "plane_stress" if flat else "")
+        factor = group.young if isinstance(group.young, str) else repr(group.young)
+        yield factor, rests[0], np.outer(unit, unit)
+        yield factor, rests[1], 2 * np.eye(components)
+    elif isinstance(group.young, str):
+        yield group.young, "1", replace(group, young=1.0).elasticity(components)[0]
+    else:
+        yield "1", "1", group.elasticity(components)[0]
 
 
 def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> csc_matrix:

@@ -72,6 +72,8 @@ INPUTS = ("strain", "y", "old", "dt", "constant")
 ORDER = Order((None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({TRIAL, START}), LOCAL)
 """Order of the parts of a program."""
 _ELASTIC = ("young", "poisson")
+UNGRADED = np.zeros(0)
+"""Grading of the elasticity that is 1 at all points."""
 
 
 class Law(KnownArguments):
@@ -191,8 +193,31 @@ class Given(NamedTuple):
 
     # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
     constants: np.ndarray
-    elastic: np.ndarray  # C, (c, c): tangent at rest
-    compliance: np.ndarray  # C^-1, (c, c)
+    elastic: np.ndarray  # C for the grading 1, (c, c): tangent at rest
+    compliance: np.ndarray  # C^-1 of that, (c, c)
+    grading: np.ndarray = UNGRADED  # factor of C at each point, (n,), which E contains; empty for 1
+
+    @property
+    def numbers(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arguments of :func:`~hhr_dolfinx.plugins.inelastic.local_solver.solve_points`."""
+        return self.constants, self.compliance, self.grading
+
+    def stress(self, strain: np.ndarray) -> np.ndarray:
+        """C times strains, (n, c)."""
+        found: np.ndarray = strain @ self.elastic
+        return found * self.grading[:, None] if self.grading.size else found
+
+    def strain(self, stress: np.ndarray) -> np.ndarray:
+        """C^-1 times stresses, (n, c)."""
+        found: np.ndarray = stress @ self.compliance
+        return found / self.grading[:, None] if self.grading.size else found
+
+    def some(self, chosen: slice) -> Given:
+        """Numbers at some of the points."""
+        constants = self.constants
+        if constants.shape[1] > 1:
+            constants = np.ascontiguousarray(constants[:, chosen])
+        return self._replace(constants=constants, grading=self.grading[chosen])
 
 
 def hooke(
@@ -210,6 +235,13 @@ def hooke(
     whole = np.eye(components)
     elastic = lam * np.outer(unit, unit) + 2 * mu * whole
     return elastic, (whole - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
+
+
+def compliance_slope(components: int, *, plane_stress: bool = False) -> np.ndarray:
+    """Derivative of C^-1 of :func:`hooke` along ν times E, (c, c): C^-1 E is (1 + ν) I - ν 1⊗1."""
+    unit = np.zeros(components)
+    unit[: 2 if plane_stress else 3] = 1.0
+    return np.eye(components) - np.outer(unit, unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +333,7 @@ class LawProgram(Rebuilt):
         new = np.empty_like(before)
         tangents = np.empty((components, components, points) if tangent else (0, 0, 0))
         result = np.empty(points, dtype=np.int64)
-        solve_points(self.code, 0, 0, points, strains, before, float(dt), *given[::2], stress, new, tangents, result)
+        solve_points(self.code, 0, 0, points, strains, before, float(dt), *given.numbers, stress, new, tangents, result)
         self._check(result, strains)
         state = State(new[:components].T, new[components], new[components + 1 :].T)
         return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
@@ -397,6 +429,30 @@ class _Thin(Law):
         from hhr_dolfinx.forms.laws import thin
 
         return thin(at, self.law.statement)
+
+
+class Graded(Law):
+    """A law that states its linear elasticity, times E over that of the body, which is E for the grading 1."""
+
+    def __init__(self, law: Law, young: float):
+        self.law = law
+        self.young = young
+        vars(self).update(elastic=True, limits=law.limits, constants=law.constants)
+        vars(self).update(memory=law.memory, unknowns=law.unknowns)
+
+    @property
+    def name(self) -> str:
+        """See :class:`Law`."""
+        return self.law.name
+
+    def in_plane_stress(self) -> Law:
+        """See :class:`Law`."""
+        return Graded(self.law.in_plane_stress(), self.young)
+
+    def statement(self, at: At) -> Stated:
+        """See :class:`Law`."""
+        found = self.law.statement(at)
+        return found._replace(stress=at.constants.young / self.young * found.stress)
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
-from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State
+from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, compliance_slope
 from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, LOCAL, REST, START, TRIAL, solve_points
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -87,20 +87,30 @@ def _set_slopes(
     values = Inputs(given.strain[own], State(*(part[own] for part in given.old)), given.dt)
     changes = constants[:, chosen] if constants.shape[1] > 1 else constants
     ways = Along(along.strain[own], State(*(part[own] for part in along.old)), [changes], along.lengths)
-    if numbers.constants.shape[1] > 1:
-        numbers = numbers._replace(constants=np.ascontiguousarray(numbers.constants[:, chosen]))
+    numbers = numbers.some(chosen)
     if group.law is None:
-        young = group.young
-        assert not isinstance(young, str)  # the material is that of a point
-        stress = values.strain @ numbers.elastic
-        found.stress[own] = np.einsum("ij,njk->nik", numbers.elastic, ways.strain)
-        found.stress[own] += stress[:, :, None] * (changes[0] / young)
+        found.stress[own] = _of_hooke(group, numbers, values.strain, ways)
         return
     result = (_of_code if isinstance(group.law, LawCode) else _of_program)(group.law, numbers, values, ways)
     found.stress[own] = result.stress
     found.state.inelastic[own], found.state.cumulated[own] = result.state[:2]
     found.state.memory[own, : result.state.memory.shape[1]] = result.state.memory
     found.reach[own] = result.reach
+
+
+def _of_hooke(group: Group, numbers: Given, strain: np.ndarray, along: Along) -> np.ndarray:
+    """Derivatives of the stress of an elastic body, (n, c, K)."""
+    young = group.young
+    assert not isinstance(young, str)  # the material is that of a point
+    graded = numbers.grading[:, None] if numbers.grading.size else 1.0
+    stress = numbers.stress(strain)
+    by_young, by_ratio = along.constants[0]
+    found = np.einsum("ij,njk->nik", numbers.elastic, along.strain) * np.expand_dims(graded, -1)
+    found += stress[:, :, None] * (by_young / (young * graded))[:, None]
+    if by_ratio.any():
+        softer = stress @ compliance_slope(stress.shape[1]) @ numbers.elastic / young
+        found -= softer[:, :, None] * by_ratio[:, None]
+    return found
 
 
 def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
@@ -144,10 +154,17 @@ def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) ->
         outputs[:, which] = slopes[: law.remembered]
         reach[which] = forward.reach
     stress = outputs[:strains].swapaxes(0, 1)
-    inelastic = along.strain - np.einsum("ij,njk->nik", numbers.compliance, stress)
+    elastic = np.einsum("ij,njk->nik", numbers.compliance, stress)
+    if numbers.grading.size:
+        elastic /= numbers.grading[:, None, None]
+    inelastic = along.strain - elastic
     if not law.elastic:  # C is in proportion to E
-        by_young = along.constants[0][0] / numbers.constants[0][:, None]
-        inelastic += (values[:strains].T @ numbers.compliance)[:, :, None] * by_young[:, None]
+        young = numbers.constants[0][:, None]
+        by_young, by_ratio = along.constants[0][:2]
+        inelastic += numbers.strain(values[:strains].T)[:, :, None] * (by_young / young)[:, None]
+        if by_ratio.any():
+            softer = values[:strains].T @ compliance_slope(strains, plane_stress=law.plane_stress) / young
+            inelastic -= softer[:, :, None] * by_ratio[:, None]
     memory = outputs[strains + 1 :].swapaxes(0, 1)
     return Slopes(stress, State(inelastic, outputs[strains], memory), reach)
 
@@ -193,7 +210,7 @@ def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray
         new = np.empty_like(before)
         rest = np.empty((0, 0, 0)), np.empty(points, dtype=np.int64)
         code = law.code._replace(outputs=outputs)
-        solve_points(code, 0, 0, points, strain, before, dt, *numbers[::2], stress, new, *rest)
+        solve_points(code, 0, 0, points, strain, before, dt, *numbers.numbers, stress, new, *rest)
         found.append(np.vstack([stress, new[strains:]])[: registers.size])
     return np.vstack(found)
 
@@ -206,7 +223,8 @@ def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Sl
         sides = []
         for step in (-length, length):
             constants = numbers.constants + step * along.constants[0][:, :, way]
-            there = Given(constants, *law.elasticity(float(constants[0, 0]), float(constants[1, 0])))
+            young = float(constants[0, 0]) / (float(numbers.grading[0]) if numbers.grading.size else 1.0)
+            there = Given(constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading)
             old = State(*(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True)))
             sides.append(law.update(given.strain + step * along.strain[:, :, way], old, given.dt, there, tangent=False))
         less, more = (side.stress for side in sides)

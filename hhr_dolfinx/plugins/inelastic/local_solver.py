@@ -397,13 +397,15 @@ def _solve_block(code, law, work, first, count, states, found, factors):
 @compiled(dear="the update of laws of bodies", error_model="numpy")
 def solve_points(
     code: Code, law: int, start: int, end: int, strain: np.ndarray, old: np.ndarray, dt: float, constants: np.ndarray,
-    compliance: np.ndarray, stress: np.ndarray, new: np.ndarray, tangent: np.ndarray, result: np.ndarray,
+    compliance: np.ndarray, grading: np.ndarray, stress: np.ndarray, new: np.ndarray, tangent: np.ndarray,
+    result: np.ndarray,
 ) -> None:  # fmt: skip
     """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step; tangents may be empty.
 
     The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants (constants, n), or
-    (constants, 1) if they are the same at all points, C^-1 is (c, c). Memory and constants may have more rows than the
-    law. ``result`` is one of :data:`SOLVED` and the others at each point.
+    (constants, 1) if they are the same at all points, C^-1 is (c, c). At a point it is over ``grading``, (n,), which is
+    empty for 1. Memory and constants may have more rows than the law. ``result`` is one of :data:`SOLVED` and the
+    others at each point.
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -420,7 +422,7 @@ def solve_points(
         count = min(block, end - first)
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, found, factors)
-    _set_inelastic(start, end, strain, old, compliance, stress, new)
+    _set_inelastic(start, end, strain, old, (compliance, grading), stress, new)
     for i in range(code.sizes[law, MEMORY]):  # the inelastic strain is no number if the stress is none
         for k in range(start, end):
             if not abs(new[i, k]) < np.inf:
@@ -428,18 +430,28 @@ def solve_points(
 
 
 @compiled(inner=True)
-def _set_inelastic(start, end, strain, old, compliance, stress, new):
+def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray) -> None:
+    """Subtract a share of a row, over the grading if there is any, from another row."""
+    if grading.size > 0:
+        for k in range(to.size):
+            to[k] -= share * row[k] / grading[k]
+    else:
+        for k in range(to.size):
+            to[k] -= share * row[k]
+
+
+@compiled(inner=True)
+def _set_inelastic(start, end, strain, old, elasticity, stress, new):
     """Set the first rows of ``new`` to ε - C^-1 σ, (c, n); where nothing flowed, it does not change by round-off."""
     components = len(strain)
+    compliance, grading = elasticity
     for i in range(components):
         to = new[i, start:end]
         _copy(strain[i, start:end], to)
         for j in range(components):
             share = compliance[i, j]
             if share != 0.0:
-                row = stress[j, start:end]
-                for k in range(to.size):
-                    to[k] -= share * row[k]
+                subtract(share, stress[j, start:end], grading[start:end], to)
     for k in range(start, end):
         if new[components, k] == old[components, k]:
             size = 0.0

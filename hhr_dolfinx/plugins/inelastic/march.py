@@ -97,7 +97,7 @@ def march(
         TimeStepWarning: if the error of the time steps was to be estimated and is large, and no tolerance was given.
     """
     check_settings(settings)
-    check_elasticity(model.young, model.parameters.names, path)
+    check_elasticity(model.moduli, model.parameters.names, path)
     if settings.gradient and model.law.remembers:
         raise NotOfferedError(
             f"derivatives of histories in which bodies flow and contacts have {model.law.name} are not built in: take "
@@ -215,28 +215,29 @@ def _uniform(
     return Answer(parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest)
 
 
-def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
-    """Formulas of Young's moduli by the index of each parameter on which they depend."""
-    if not young:
+def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
+    """Formulas of the elasticity by the index of each parameter on which they depend."""
+    if not moduli:
         return {}
     # imported here: most moduli are numbers, and then formulas need not be loaded
     from hhr_dolfinx.formulas import formula_of
 
-    variables = {text: formula_of(text, "young").variables for text in sorted(set(young))}
+    variables = {text: formula_of(text, "a modulus").variables for text in sorted(set(moduli))}
     found = {place: [text for text, own in variables.items() if name in own] for place, name in enumerate(names)}
     return {place: texts for place, texts in found.items() if texts}
 
 
-def check_elasticity(young: Sequence[str], names: Sequence[str], path: Path) -> None:
+def check_elasticity(moduli: Sequence[str], names: Sequence[str], path: Path) -> None:
     """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their formulas."""
-    for place, texts in elastic_axes(young, names).items():
+    for place, texts in elastic_axes(moduli, names).items():
         values = np.array([point[place] for _, point in path])
         if np.ptp(values) > 0:
             name = names[place]
             step = int(np.flatnonzero(values != values[0])[0])
             raise ParameterError(
                 f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
-                f"and Young's modulus depends on it ({', '.join(texts)}): elasticity must be the same along a history. "
+                f"and the elasticity or a shape depends on it ({', '.join(texts)}): they must be the same along a "
+                f"history. "
                 f"Keep {name} as it is along the path, or state the modulus in the law hhr.ChangingStiffness"
             )
 
@@ -251,7 +252,7 @@ def one_step(
     space = model.parameters
     target = space.point(mu)
     start = np.clip(0.0, space.lower, space.upper)
-    axes = list(elastic_axes(model.equilibrium.young, space.names))
+    axes = list(elastic_axes(model.equilibrium.moduli, space.names))
     start[axes] = target[axes]  # elasticity is constant along a history
     start[model.law.fixed] = target[model.law.fixed]  # in parts of a step that is cut they would be too small
     try:

@@ -110,12 +110,12 @@ class LawCode(LawProgram):
             return Update(strain, old, np.zeros((0, strains, strains)) if tangent else None)
         parts = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
         before = {name: part[:, 0] if part.shape[1] == 1 else part for name, part in zip(self.own, parts, strict=True)}
-        before["stress"] = (before["strain"] - before["inelastic"]) @ given.elastic
+        before["stress"] = given.stress(before["strain"] - before["inelastic"])
         rows = (row if row.size > 1 else float(row[0]) for row in given.constants)
         numbers = dict(zip(("young", "poisson", *self.constants), rows, strict=True))
         with np.errstate(all="ignore"):
             stress, memory, tangents = self.law.evaluate(Step(strain, before, dt, numbers, tangent))
-            inelastic = strain - stress @ given.compliance
+            inelastic = strain - given.strain(stress)
         change = inelastic - old.inelastic
         size = np.maximum(np.abs(strain), np.abs(old.inelastic)).max(axis=1)
         change[np.abs(change).max(axis=1) <= ROUND_OFF * size] = 0.0

@@ -20,7 +20,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation
+from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -81,13 +81,14 @@ class ReducedFlow:
     def faults_of(self, model: ReducedModel) -> Iterator[str]:
         """Faults: parts of the stiffness that do not add up to that of the middle of the box or do not fit bodies."""
         yield from self.material.faults_for(model.parameters, model.dimension)
-        young = {group.young for group in self.material.groups if isinstance(group.young, str)}
         problem = model.problem
         terms = problem.terms
         names = model.parameters.names
         moduli = () if terms is None else terms.moduli
-        if {item.factor for item in moduli} - {"1"} != young or any(
-            item.names != names or item.rest != "1" for item in moduli
+        points = (model.parameters.middle, *model.parameters.random(2, seed=1))
+        if any(item.names != names for item in moduli) or any(
+            not _alike([item.value(point) for item in moduli if item.factor != "1"], self.material.weights(point))
+            for point in points
         ):
             yield "the parts of the stiffness are not those of the moduli of its bodies"
         elif terms is not None:
@@ -95,6 +96,11 @@ class ReducedFlow:
             there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if not np.abs(there - problem.stiffness).max() <= SAME * np.abs(problem.stiffness).max():
                 yield "the parts of the stiffness do not make that of the middle of the box"
+
+
+def _alike(found: list[float], wanted: list[float]) -> bool:
+    """True for the same numbers in another order."""
+    return len(found) == len(wanted) and np.allclose(sorted(found), sorted(wanted), rtol=SAME, atol=0.0)
 
 
 class ReducedEquilibrium(MeshEquilibrium):
@@ -105,7 +111,7 @@ class ReducedEquilibrium(MeshEquilibrium):
     def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
         super().__init__()
         self.problem = problem
-        self.young = () if problem.terms is None else tuple(modulus.factor for modulus in problem.terms.moduli)
+        self.moduli = () if problem.terms is None else texts_of(problem.terms.moduli)
         self.parameters = parameters
         self.fields = fields
         self.conditions, self.size = problem.contact_test.shape

@@ -32,9 +32,9 @@ def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
     """
     least = -SOFTENS
     said = ""
+    material = equilibrium_of(full).material
     for history in snapshots.histories:
         for before, answer in pairwise(history.answers):
-            material = equilibrium_of(full).material.at(answer.parameter)
             for group in material.groups:
                 value, points = _least(material, group, before, answer)
                 if value < least:
@@ -59,9 +59,10 @@ def _least(material: Material, group: Group, before: Answer, answer: Answer) -> 
     points = group.indices[flows]
     if group.law is None or not points.size:
         return 0.0, 0
-    part = material.restricted(points)
+    # before it has numbers: constants that vary in space are those of these points
+    part = material.restricted(points).at(answer.parameter)
     given = part.given[0]
-    strain = stress[points] @ given.compliance + new.inelastic[points]
+    strain = given.strain(stress[points]) + new.inelastic[points]
     try:
         found = part.update(strain, State(*(item[points] for item in old)), answer.time - before.time, tangent=True)
     except ConvergenceError:  # the step was solved in parts

@@ -12,7 +12,7 @@ from hhr_dolfinx.certify.accuracy import slack_residuals
 from hhr_dolfinx.files import MAPPED
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, state
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import add_to
@@ -29,7 +29,6 @@ class StoredGauss:
     }
 
     def __init__(self, full: FullModel):
-        self._problem = full.problem
         self._equilibrium = equilibrium_of(full)
         material = self._equilibrium.material
         self.sizes = {
@@ -44,6 +43,7 @@ class StoredGauss:
         groups = self._equilibrium.material.groups
         given = ((group.indices, group.young, group.poisson, group.places, _identity(group)) for group in groups)
         parts = [part for item in given for part in item]
+        parts += [group.grading for group in groups if group.grading.size]
         return parts + ([self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else [])
 
     def query(self, point: np.ndarray) -> list[str]:
@@ -73,14 +73,21 @@ class StoredGauss:
 
     def residual(self, answer: Answer, forces: float) -> float:
         """Residual of the stress, and of the slack."""
-        theta = self._problem.amplitudes(answer.parameter)
-        signs = self._equilibrium.signs(answer)
-        _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
+        there = self._on_shape(answer)
+        problem = there.problem
+        theta = problem.amplitudes(answer.parameter)
+        signs = there.signs(answer)
+        _, pull = slack_residuals(problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
 
     def size(self, answer: Answer) -> float:
         """Norm of the internal and external forces."""
-        return self._equilibrium.signs(answer).size
+        return self._on_shape(answer).signs(answer).size
+
+    def _on_shape(self, answer: Answer) -> FullEquilibrium:
+        """The equilibrium on the shape of an answer, the only one of which an unknown and a stress are on it."""
+        known = self._equilibrium
+        return known if known.shape is None else known.at(answer.parameter)
 
     def is_large(self, answer: Answer) -> bool:
         """True if files of this size are mapped."""

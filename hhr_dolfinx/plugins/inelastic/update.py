@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
@@ -12,11 +11,18 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from hhr_dolfinx.amplitudes import RANGES
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law_over_box, formulas_of
-from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, Update, hooke
+from hhr_dolfinx.plugins.inelastic.constants import (
+    MUST,
+    LawOfParameters,
+    ModuliOfParameters,
+    check_law_over_box,
+    formulas_of,
+)
+from hhr_dolfinx.plugins.inelastic.law import UNGRADED, Given, LawProgram, State, Update, hooke
 from hhr_dolfinx.plugins.inelastic.local_solver import Code, code_of
 
 
@@ -26,11 +32,13 @@ class Group:
 
     indices: Annotated[Integers, "points"]  # numbers among the model's Gauss points, (n,)
     young: float | str  # Young's modulus E, or a formula of the parameters
-    poisson: float  # Poisson's ratio
+    poisson: float | str  # Poisson's ratio, or a formula
     law: LawProgram | None  # its constants may be formulas of the parameters; None for elasticity
     coordinates: tuple[str, ...] = ()  # names that formulas of its law may have for places; empty if none has
     # places of these points, (n, d), if formulas of its law name coordinates
     places: Annotated[Floats, "placed", "coordinates"] = field(default_factory=lambda: np.zeros((0, 0)))
+    # factor of the elasticity at each of these points, (n,); empty for 1
+    grading: Annotated[Floats, "graded"] = field(default_factory=lambda: UNGRADED)
 
     @cached_property
     def own(self) -> slice | np.ndarray:
@@ -41,31 +49,55 @@ class Group:
 
     def some(self, numbers: np.ndarray, indices: np.ndarray) -> Group:
         """Group of some of its points, by their numbers among the Gauss points, with other indices, (k,) each."""
-        if not self.coordinates:
+        if not self.coordinates and not self.grading.size:
             return replace(self, indices=indices)
         order = np.argsort(self.indices)
         rows = order[np.searchsorted(self.indices[order], numbers)]
-        return replace(self, indices=indices, places=self.places[rows])
+        places = self.places[rows] if self.coordinates else self.places
+        grading = self.grading[rows] if self.grading.size else self.grading
+        return replace(self, indices=indices, places=places, grading=grading)
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Formulas of its elastic constants, by name."""
+        return {name: text for name in RANGES if isinstance(text := getattr(self, name), str)}
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of the elastic constants."""
-        stiff = isinstance(self.young, str) or self.young > 0
-        if not (stiff and -1 < self.poisson < 0.5):
-            yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if not (isinstance(value, str) or low < value < high):
+                yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"
+        if self.grading.size not in (0, self.indices.size) or not (self.grading > 0).all():
+            yield f"a grading of {self.grading.size} points must be positive at each of {self.indices.size} points"
         if self.coordinates and self.places.shape != (self.indices.size, len(self.coordinates)):
             yield f"places of the shape {self.places.shape} are not one for each of {self.indices.size} points"
 
     def elasticity(self, components: int) -> tuple[np.ndarray, np.ndarray]:
-        """C and C^-1, (c, c) each, for which E must be a number."""
+        """C and C^-1 for the grading 1, (c, c) each; E and ν must be numbers."""
         if self.law is not None and self.law.strains == components:  # else a fault, which a file is refused for
-            return self.law.elasticity(_number(self), self.poisson)
-        return hooke(_number(self), self.poisson, components)
+            return self.law.elasticity(*self.numbers())
+        return hooke(*self.numbers(), components)
 
     def given(self, components: int) -> Given:
         """Constants and elasticity, which must be numbers."""
-        if self.law is not None:
-            return self.law.given(_number(self), self.poisson)
-        return Given(np.zeros((0, 1)), *self.elasticity(components))
+        if self.law is None:
+            return Given(np.zeros((0, 1)), *self.elasticity(components), self.grading)
+        found = self.law.given(*self.numbers())
+        if not self.grading.size:
+            return found
+        constants = found.constants * np.ones(self.grading.size)
+        constants[0] *= self.grading
+        return found._replace(constants=constants, grading=self.grading)
+
+    def numbers(self) -> tuple[float, float]:
+        """E and ν, which must be numbers here."""
+        for name, text in self.texts.items():
+            raise SceneError(
+                f"{name} = {text} is a formula of the parameters: material.moduli_at(point) has its number"
+            )
+        assert not isinstance(self.young, str) and not isinstance(self.poisson, str)
+        return self.young, self.poisson
 
 
 class LastOf:
@@ -108,7 +140,7 @@ class Material:
             for k, group in numbered
             if formulas_of(group.law)
         }
-        texts = {k: group.young for k, group in numbered if isinstance(group.young, str)}
+        texts = {(k, name): text for k, group in numbered for name, text in group.texts.items()}
         self._moduli = ModuliOfParameters(texts, self.names) if texts else None
         self._at_points = LastOf()
         self._at_moduli = LastOf()
@@ -130,11 +162,10 @@ class Material:
                 check_law_over_box(group.law, space, f"law {number}", group.coordinates, group.places)
                 if group.law.strains != self.components:
                     yield f"law {number} is one of {group.law.strains} components of a strain, of {self.components}"
-            if isinstance(group.young, str):
+            for name, text in group.texts.items():
                 from hhr_dolfinx.formulas import Scalar, check_over_box
 
-                scalar = Scalar(group.young, space.names)
-                check_over_box(scalar, space, "young", 0.0, math.inf, "Young's modulus must be positive")
+                check_over_box(Scalar(text, space.names), space, name, *RANGES[name], MUST[name])
 
     @cached_property
     def elastic(self) -> np.ndarray:
@@ -142,7 +173,18 @@ class Material:
         elastic = np.empty((self.gauss_points, self.components, self.components))
         for group in self.groups:
             elastic[group.indices] = group.elasticity(self.components)[0]
+            if group.grading.size:
+                elastic[group.indices] *= group.grading[:, None, None]
         return elastic
+
+    @cached_property
+    def grading(self) -> np.ndarray:
+        """Factor of the elasticity at each point, (gauss_points,); empty if it is 1 at all of them."""
+        graded = [group for group in self.groups if group.grading.size]
+        found = np.ones(self.gauss_points if graded else 0)
+        for group in graded:
+            found[group.indices] = group.grading
+        return found
 
     @property
     def flows(self) -> bool:
@@ -205,8 +247,14 @@ class Material:
 
         def made() -> Material:
             found = copy(self)
+            groups = enumerate(self.groups)
             found.groups = tuple(
-                replace(group, young=values.get(k, group.young)) for k, group in enumerate(self.groups)
+                replace(
+                    group,
+                    young=values.get((k, "young"), group.young),
+                    poisson=values.get((k, "poisson"), group.poisson),
+                )
+                for k, group in groups
             )
             found._moduli = None
             for name in ("elastic", "given"):
@@ -216,11 +264,29 @@ class Material:
 
         return self._at_moduli.of(values, made)
 
+    def weights(self, point: np.ndarray) -> list[float]:
+        """Weights at a point, (P,), of the parts of a stiffness by its formulas: E of each, or λ and μ by those of ν.
+
+        In plane stress λ is that of the plane. SceneError for impossible elastic constants.
+        """
+        found: dict[tuple[float | str, float | str, bool], tuple[float, ...]] = {}
+        for group, there in zip(self.groups, self.moduli_at(point).groups, strict=True):
+            if not group.texts:
+                continue
+            flat = group.law is not None and group.law.plane_stress
+            young, poisson = there.numbers()
+            if isinstance(group.poisson, str):
+                stiff, _ = hooke(young, poisson, self.components, plane_stress=flat)
+                found[group.young, group.poisson, flat] = float(stiff[0, 1]), float(stiff[-1, -1]) / 2
+            else:
+                found[group.young, "", flat] = (young,)
+        return [weight for weights in found.values() for weight in weights]
+
     def constants(self, point: np.ndarray) -> list[dict[str, Any]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
         found = [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
-        for place, value in ({} if self._moduli is None else self._moduli.values(point)).items():
-            found[place]["young"] = value
+        for (place, name), value in ({} if self._moduli is None else self._moduli.values(point)).items():
+            found[place][name] = value
         return found
 
     def constants_along(self, point: np.ndarray, directions: np.ndarray) -> list[np.ndarray]:
@@ -234,8 +300,10 @@ class Material:
         for place, group in enumerate(self.groups):
             names = () if group.law is None else group.law.constants
             changes = self._laws[place].along(point, directions) if place in self._laws else {}
-            young = moduli[place][None] if place in moduli else nothing
-            rows = np.broadcast_arrays(young, nothing, *(changes.get(name, nothing) for name in names))
+            young = moduli[place, "young"][None] if (place, "young") in moduli else nothing
+            ratio = moduli[place, "poisson"][None] if (place, "poisson") in moduli else nothing
+            young = young * group.grading[:, None] if group.grading.size else young
+            rows = np.broadcast_arrays(young, ratio, *(changes.get(name, nothing) for name in names))
             found.append(np.array(rows))
         return found
 
@@ -271,9 +339,9 @@ class Material:
             own = group.own
             law = group.law
             if law is None:
-                stress[own] = strain[own] @ given.elastic
+                stress[own] = given.stress(strain[own])
                 if tangents is not None:
-                    tangents[own] = given.elastic
+                    tangents[own] = self.elastic[own]
                 continue
             found = law.update(strain[own], State(*(part[own] for part in old)), dt, given, tangent=tangent)
             stress[own] = found.stress
@@ -282,12 +350,3 @@ class Material:
             if tangents is not None:
                 tangents[own] = found.tangents
         return Update(stress, state, tangents)
-
-
-def _number(group: Group) -> float:
-    """Young's modulus, which must be a number here."""
-    if isinstance(group.young, str):
-        raise SceneError(
-            f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
-        )
-    return group.young

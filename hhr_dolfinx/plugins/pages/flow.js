@@ -23,6 +23,7 @@
       const halves = own("schur"), count = halves.shape[0], half = halves.length / count;
       this.groups = flow.groups.map(({ law, places, elastic, compliance, ...rest }) => ({ ...rest, law: law && new hhr.Law(model.arrays, law),
         places: places && model.arrays[places], elastic: model.arrays[elastic], compliance: model.arrays[compliance] }));
+      this.grading = flow.groups.flatMap(({ grading, points }) => Array.from(grading ? model.arrays[grading] : { length: points }, (x) => x ?? 1)); // factor of C
       this.tested = this.testedBy(own("weights"));
       this.weight = norm(this.tested);
       this.rows = Math.max(this.components + 1, ...this.groups.map(({ law }) => (law ? law.sizes.memory : 0)));
@@ -38,7 +39,7 @@
       let k = 0;
       for (const { points: count, elastic } of this.groups) for (const end = k + count; k < end; k++) {
         for (let j = 0; j < ell; j++) for (let i = 0; i < c; i++) for (let l = 0; l < c; l++) {
-          found[j * size + i * points + k] += weights[k] * elastic[i * c + l] * this.per_mode[j * size + l * points + k];
+          found[j * size + i * points + k] += weights[k] * this.grading[k] * elastic[i * c + l] * this.per_mode[j * size + l * points + k];
         }
       }
       return found;
@@ -85,9 +86,10 @@
         const { memory } = law.sizes;
         for (let i = 0; i < memory; i++) old[i] = before.memory[i * points + k];
         for (let i = 0; i < components; i++) own[i] = strain[i * points + k];
-        if (!law.solve(own, old, dt, constants[k], compliances[g])) return null;
+        const compliance = this.grading[k] === 1 ? compliances[g] : compliances[g].map((x) => x / this.grading[k]);
+        if (!law.solve(own, old, dt, constants[k], compliance)) return null;
         for (let i = 0; i < memory; i++) found[i * points + k] = law.memory[i];
-        visit?.(k, law, compliances[g]);
+        visit?.(k, law, compliance);
       }
       return found;
     }
@@ -347,7 +349,7 @@
             let value = 0, whole = 0;
             for (let j = 0; j < components; j++) {
               value += inner[(k * components + i) * components + j] * open[j];
-              whole += elastic[i * components + j] * strains[j];
+              whole += this.grading[k] * elastic[i * components + j] * strains[j];
             }
             left += (value / gives[this.parts[k]]) ** 2;
             stress += (whole / gives[this.parts[k]]) ** 2;

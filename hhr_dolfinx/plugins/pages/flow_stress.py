@@ -62,7 +62,8 @@ class CellMeans:
         if not self.plane_stress:
             part[:3, :3] -= 1 / 3
         self._part = np.delete(part, 2, axis=0)
-        scaled = shares[:, :, None, None] * (self._part @ flow.elastic)[flow.kinds[points]]
+        graded = shares * flow.grading[points] if flow.grading.size else shares
+        scaled = graded[:, :, None, None] * (self._part @ flow.elastic)[flow.kinds[points]]
         gradients = np.einsum("cpkj,cpjd->ckd", scaled, operator.gradients[cells], optimize=True)
         self.of_displacements = _sparse(gradients, operator.dofs[cells], operator.size)
         strains = scaled.swapaxes(1, 2).reshape(len(cells), len(self._part), -1)

@@ -33,6 +33,8 @@ WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
 """Number of histories from which modes of pictures are computed, and their load factors: proportional loading to a
 random point and back."""
 
+GRADING = "grading_of_its_elasticity"
+"""Name of the grading of a body in the formula of its modulus; no parameter has it."""
 EXACT = 100_000
 """Most strains of contact forces that are stored with all digits: single precision changed forces by 8e-9, measured
 once."""
@@ -89,17 +91,27 @@ def _weights(flow: CondensedFlow, elastic: np.ndarray) -> np.ndarray:
 def _group(
     number: int, group: Group, elasticity: tuple[np.ndarray, np.ndarray], names: tuple[str, ...], arrays: Packed
 ) -> dict[str, Any]:
-    """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants, and its program."""
+    """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants, and its program.
+
+    C and C^-1 are those for the grading 1, by which E is multiplied in its formula.
+    """
     law = group.law
     free = [k for k, name in enumerate(group.coordinates) if name not in names]
     every = (*names, *(group.coordinates[k] for k in free))
-    values = (group.young, group.poisson, *(() if law is None else law.values))
+    places = group.places[:, free]
+    young = group.young
+    if group.grading.size:
+        every = (*every, GRADING)
+        places = np.hstack([places.reshape(len(group.indices), len(free)), group.grading[:, None]])
+        young = f"({young}) * {GRADING}"
+    values = (young, group.poisson, *(() if law is None else law.values))
     return {
         "points": len(group.indices),
         "elastic": arrays.put(f"elastic{number}", elasticity[0]),
         "compliance": arrays.put(f"compliance{number}", elasticity[1]),
         "constants": [steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)] for value in values],
-        "places": arrays.put(f"law{number}_places", group.places[:, free]) if free else None,
+        "places": arrays.put(f"law{number}_places", places) if places.shape[1] else None,
+        "grading": arrays.put(f"grading{number}", group.grading) if group.grading.size else None,
         "rated": law is not None and law.rated,
         "law": None if law is None else _program(f"law{number}", law, arrays),
     }

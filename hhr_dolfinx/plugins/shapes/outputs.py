@@ -18,6 +18,7 @@ from hhr_dolfinx.plugins.shapes.functionals import MovingMises, OverShapes
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+    from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 MakeCells = Callable[[np.ndarray, bool], MovingCells]
 SHAPES = 8
@@ -52,10 +53,12 @@ class FullShapeFunctionals(OverShapes):
         point[self.axes] = np.frombuffer(key)
         there = self._reshaped(point)
         with self._reshaped.at(point):
-            return prepared_outputs([self._probe(output, there) for output in self._discretisation.scene.outputs])
+            laws = self._discretisation.laws()
+            probes = [self._probe(output, there, laws) for output in self._discretisation.scene.outputs]
+            return prepared_outputs(probes, 0 if laws is None else laws.places)
 
-    def _probe(self, output: Output, problem: ContactProblem) -> MovingProbe:
-        probe = probe_of(output, self._discretisation, problem, None, self._base)
+    def _probe(self, output: Output, problem: ContactProblem, laws: LawsAtPlaces | None) -> MovingProbe:
+        probe = probe_of(output, self._discretisation, problem, laws, self._base)
         given: dict[str, Any] = {item.name: getattr(probe, item.name) for item in fields(probe)}
         return MovingProbe(**given, moving=self._moving)
 

@@ -486,7 +486,7 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
 @needs("inelastic", "moduli")
 @compiled
 @pytest.mark.parametrize(
-    "name", ["moduli", "outputs", "back stresses, creep", "cone, heat", "wood, heat", "fibres", *LAST_LAWS]
+    "name", ["moduli", "outputs", "back stresses, creep", "cone, heat", "wood, heat", "fibres", "graded", *LAST_LAWS]
 )
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
     model, path = flowing(name)

@@ -93,9 +93,6 @@ def test_formulas_of_moduli_are_the_numbers(make, formulas, numbers, path, point
 def test_what_is_not_built_in():
     law = hhr.Plasticity(1.0)
     assert hhr.Body(1, "E", 0.3, law).varies
-    for options in ({"poisson": "nu"}, {"grading": lambda x: 1.0}):
-        with pytest.raises(SceneError, match=r"body 1 flows, and its Poisson's ratio .* a constant poisson"):
-            hhr.Body(1, **({"young": 3.0, "poisson": 0.3, "law": law} | options))
     material = Material([Group(np.arange(1), "E", 0.3, program_of(law, 4))], 4, ("E",))
     for ask in (
         lambda: material.elastic,

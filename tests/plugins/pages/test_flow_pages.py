@@ -85,14 +85,19 @@ LAWS = {
     "fibres": (hhr.Plasticity(0.045, 0.2), Fibres(3.0, 2.0, 6.0, 0.07, 0.3)),
     "infinite slope": (Ludwik(0.04, 0.2, 0.4), None),
     "plane stress": (hhr.Voce(0.05, 0.02, 20.0, 0.4), None),
+    "graded": (hhr.Voce("0.03 + 0.02 * x", 0.02, 20.0, 0.4), WOOD),
 }
-"""Laws of both bodies, by a name, and in plane stress where that says so."""
+"""Laws of both bodies, by a name, and in plane stress, or graded, where that says so."""
 
 
 def two_bodies(name="moduli"):
     """Two blocks in the plane, pushed together, of which one yields, whose E is a parameter."""
     laws = LAWS[name]
-    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, laws[0]), hhr.Body(two_blocks.SECOND, 5.0, 0.35, laws[1])
+    grading = {"grading": lambda x: 1 + 0.8 * (x[0] - 1) * x[1]} if name == "graded" else {}
+    bodies = (
+        hhr.Body(two_blocks.FIRST, "E1", 0.3, laws[0], **grading),
+        hhr.Body(two_blocks.SECOND, 5.0, 0.35, laws[1], **grading),
+    )
     hypothesis = "plane_stress" if name == "plane stress" else "plane_strain"
     base, top = pressed_pair(hypothesis, bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
     held = [item for item in base.displacements if not item.amplitude.slopes]

@@ -18,7 +18,6 @@ from scenes import (
     pressed_pair,
     slope_errors,
 )
-from toy_law import Bingham
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, ParameterError, SceneError
@@ -239,7 +238,6 @@ DOOR = [
     ({"shapes": (hhr.Shape(9, ("x", "h * y")),)}, r"shapes\[0\] of scene .* is of body 9: give one shape for"),
     ({"shapes": (hhr.Shape(1, ("w * x", "y")), hhr.Shape(1, ("x", "h * y")))}, r"shapes\[1\] of scene .* is of body 1"),
     ({"shapes": ("h * y",)}, r"shapes\[0\] of scene .* it must be a Shape"),
-    ({"bodies": lambda: (hhr.Body(1, 3.0, 0.3, law=Bingham(1.0, 0.1)),)}, "flow, and their shape depends on"),
     ({"shape": ("x", "y * (1.5 - h)")}, "turns 16 cells inside out .*narrow the box, or move the nodes around it too"),
     ({"shape": ("x * w * (x - 0.8)", "h * y")}, "turns .* cells inside out at"),
     ({"shape": ("w * x", "h * y / (h - h)")}, "is not finite at .*: check its formulas"),
@@ -251,13 +249,12 @@ DOOR = [
 
 @pytest.mark.parametrize(
     ("given", "said"),
-    [pytest.param(*item, marks=needs("inelastic") if "flow" in item[1] else (), id=item[1][:25]) for item in DOOR],
+    [pytest.param(*item, id=item[1][:25]) for item in DOOR],
 )
 def test_shapes_that_are_none_are_refused_at_the_door(given, said):
     """And maps that turn cells inside out, or have no value, somewhere in the box."""
-    made = {name: item() if callable(item) else item for name, item in given.items()}
     with pytest.raises(SceneError, match=said):
-        hhr.FullOrderModel(tall_block(**made))
+        hhr.FullOrderModel(tall_block(**given))
 
 
 def test_bodies_that_share_nodes_move_alike():
