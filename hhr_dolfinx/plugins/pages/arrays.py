@@ -51,11 +51,6 @@ def check_model(model: object, what: str = "a page") -> None:
             "Call hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.law.plugin:
-        if model.eliminated.keeps_kernel:
-            raise NotOfferedError(
-                f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them "
-                "by a displacement"
-            )
         page_of(model.law, what)
     eliminated: Any = model.eliminated
     if interpolates(model) and not eliminated.symmetric:
