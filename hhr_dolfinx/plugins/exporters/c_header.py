@@ -31,7 +31,7 @@ def write_c_header(path: str | Path, model: object) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem must be an identifier of C.
-        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic, frictional, or condensed inelastic.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic or condensed inelastic, with friction or without.
 
     Returns:
         The path.

@@ -1,9 +1,9 @@
 """Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of bodies that flow, step by step.
 
-See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its unknown is eliminated,
-and contact forces solve an increment of friction on S = B K_T^-1 B^T. Their derivative is that of this increment at its
-statuses, under the derivative of the slack and of the bounds. Slip hands on the derivative of the position at which contacts
-stick: the slack of an increment is measured from there.
+See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its unknown is
+eliminated, and contact forces solve an increment of friction on S = B K_T^-1 B^T. Their derivative is that of this
+increment at its statuses, under the derivative of the slack and of the bounds. Slip hands on the derivative of the
+position at which contacts stick: the slack of an increment is measured from there.
 """
 
 from __future__ import annotations
@@ -37,14 +37,24 @@ class FlowSlopes:
         return bool(self._position.any())
 
     def step(
-        self, linear: Eliminated, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+        self,
+        linear: Eliminated,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
     ) -> ContactChange:
         """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
         with linear.held():
             return self._step(linear, answer, slack, right, way)
 
     def _step(
-        self, linear: Eliminated, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+        self,
+        linear: Eliminated,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
     ) -> ContactChange:
         friction = self._friction
         rows = friction.tangential
@@ -55,7 +65,8 @@ class FlowSlopes:
         slack[answer.active] = 0.0
         forces = answer.multipliers
         found = Sliding(forces, answer.active, slack, NOTHING, 0, 0, Status.CONVERGED)
-        given = Increment(slack - contact.schur @ forces, *friction.bounds(answer.parameter), NOTHING)
+        coefficients, limits = friction.bounds(answer.parameter)
+        given = Increment(slack - contact.schur @ forces, coefficients, limits, NOTHING)
         free = columnwise(linear.solve, residual)
         opened = linear.slack_of(gaps, free)
         opened[rows] -= self._position

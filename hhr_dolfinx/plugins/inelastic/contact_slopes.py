@@ -1,6 +1,6 @@
-"""Derivatives of contacts in histories of bodies that flow: what a law of interfaces does in a step, and unilateral contact.
+"""Derivatives of contacts in histories of bodies that flow: by a law of interfaces, and of unilateral contact.
 
-A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and of the number of directions.
+A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and the number of directions.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ class Unilateral:
         for residual, gaps in zip(*(part.T for part in right), strict=True):
             dx, forces = linear.changed(residual, gaps, answer.active)
             columns.append((dx, forces, linear.slack_of(gaps, dx)))
-        found = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
-        return ContactChange(*found, grazing(answer.active, answer.multipliers, slack))
+        unknown, pushed, opened = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        return ContactChange(unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack))
 
 
 def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:

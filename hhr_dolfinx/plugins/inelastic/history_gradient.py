@@ -10,10 +10,10 @@ the step changes along (dx, ds, dμ). Both are exact: laws are differentiated as
 that each point is on in the step, see :mod:`plugins.inelastic.law_slopes`, and amplitudes and constants as formulas.
 Only laws that are code have differences.
 
-Contacts whose law remembers, such as friction, have derivatives by their law, see :mod:`plugins.inelastic.contact_slopes`.
-Statuses are those of the history. A derivative is one-sided where a condition is about to change its status, or where
-a point comes to a kink of its law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state
-follows from it. In a hold of constant load points stay on their yield surface, and no kink is near.
+Contacts whose law remembers have derivatives by their law, see :mod:`plugins.inelastic.contact_slopes`. Statuses are
+those of the history. A derivative is one-sided where a condition is about to change its status, or where a point comes
+to a kink of its law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state follows from
+it. In a hold of constant load points stay on their yield surface, and no kink is near.
 """
 
 from __future__ import annotations
@@ -88,7 +88,9 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
             found = found._replace(kinks=found.kinks + before)
             gradients.append(found)
             before = found.kinks
-            if contacts.remembers or any(part.any() for part in changes):  # by a state without derivatives contact hands nothing on
+            if contacts.remembers or any(
+                part.any() for part in changes
+            ):  # by a state without derivatives contact hands nothing on
                 before += int(found.grazing.sum())
             state = gauss_of(answer).state
             time = answer.time

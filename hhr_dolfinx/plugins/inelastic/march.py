@@ -104,8 +104,8 @@ def march(
         slopes_of_contacts(model, 0)  # refuses laws of contacts without derivatives
         if settings.limit and model.law.remembers:
             raise NotOfferedError(
-                "derivatives of the limit of small increments are not built in where bodies flow: those of the increments "
-                "are exact, MarchSettings(gradient=True)"
+                "derivatives of the limit of small increments are not built in where bodies flow: those of the "
+                "increments are exact, MarchSettings(gradient=True)"
             )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     with left_with(history):

@@ -41,6 +41,9 @@ def check_model(model: object, what: str = "a page") -> None:
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
         check_flow(model, what)
+        law: ContactLaw = model.law  # type: ignore[attr-defined]
+        if law.plugin:
+            page_of(law, what)
         return
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)

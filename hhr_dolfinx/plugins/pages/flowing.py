@@ -1,8 +1,8 @@
 """Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and pictures of an answer.
 
 ``flow.js`` solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
-contact problem for each correction, and Newton's method on both. Where contacts rub, that is an increment of friction, see
-:mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
+contact problem for each correction, and Newton's method on both. Where contacts rub, that is an increment of friction,
+see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
 """
 
 from __future__ import annotations
@@ -40,16 +40,12 @@ once."""
 
 
 def check_flow(model: object, what: str = "a page") -> None:
-    """Raise NotOfferedError for models that are not condensed, and laws of contacts that no page knows."""
+    """Raise NotOfferedError for models that are not condensed."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
             "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
         )
-    if model.law.plugin:
-        from hhr_dolfinx.plugins.pages.arrays import page_of
-
-        page_of(model.law, what)
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:

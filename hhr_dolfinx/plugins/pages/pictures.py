@@ -201,7 +201,7 @@ def _walked(model: Any) -> Iterable[Answer]:
 
 
 def _borne(model: Any, points: np.ndarray) -> list[Answer]:
-    """Answers of bodies that contact alone holds, along paths that begin anew after points whose loads it does not bear."""
+    """Answers of bodies that contact alone holds, along paths that begin anew after loads that it does not bear."""
     found: list[Answer] = []
     for _ in range(TRIES):
         try:

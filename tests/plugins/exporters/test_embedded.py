@@ -363,8 +363,9 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 #else
         for (int i = 0, c = PRESS_CONTACTS; i < c && !status; i++) {
             double *slip = reached + ((k - 1) * c + i) * 3;
-            slip[0] = path->state->slip.slipped[i], slip[1] = path->state->slip.work[i], slip[2] = path->state->slip.wear[i];
-            statuses[(k - 1) * c + i] = path->state->slip.statuses[i];
+            const press_slip *known = &path->state->slip;
+            slip[0] = known->slipped[i], slip[1] = known->work[i], slip[2] = known->wear[i];
+            statuses[(k - 1) * c + i] = known->statuses[i];
         }
 #endif
     }
