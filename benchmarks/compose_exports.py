@@ -109,8 +109,9 @@ def page(model: Any, full: Any, path: list, remembers: bool) -> tuple[Forces, Fo
         written = hhr.write_model_page(Path(folder) / "model.html", model, scenery_of(full))
         text = written.read_text(encoding="utf-8")
     here = Path(pages.__file__).parent
-    scripts = [here / name for name in ("floating.js", "bound.js", "flow.js")]
+    scripts = [here / name for name in ("floating.js", "bound.js")]
     scripts += [one for one in [here.parent / "friction" / "friction.js"] if one.exists()]
+    scripts.append(here / "flow.js")
     given = {
         "page": text,
         "path": [np.asarray(point).tolist() for _, point in path],

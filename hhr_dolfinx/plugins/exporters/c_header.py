@@ -31,7 +31,7 @@ def write_c_header(path: str | Path, model: object) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem must be an identifier of C.
-        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic, frictional, or condensed inelastic.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic or condensed inelastic, with friction or without.
 
     Returns:
         The path.
@@ -144,7 +144,9 @@ class _Data:
         reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
         pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         places = np.unique(pairs, return_inverse=True)[1]
+        paths = tree["flow"] or tree["friction"]  # the fixed parameters of flow are those of friction too
         own = [
+            *(self._path(paths["fixed"]) if paths else ()),
             *(self._flow(tree["flow"]) if tree["flow"] else ()),
             *(self._friction(tree["friction"]) if tree["friction"] else ()),
             *(self._floating(tree["floating"]) if tree["floating"] else ()),
@@ -178,7 +180,6 @@ class _Data:
         return [
             *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
             self._array("middle", np.array(item["middle"], dtype=float)),
-            *self._path(item["fixed"]),
             self._records("body", "bodies", bodies),
             "static const model_modulus model_moduli[] = {" + (", ".join(moduli) or "{0}") + "};",
         ]
@@ -213,25 +214,29 @@ class _Data:
             *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
             self._array("along", along),
             self._array("area", self.arrays[item["area"]]),
-            *self._path(item["fixed"]),
             self._records("law", "laws", laws),
         ]
 
     def _floating(self, item: dict[str, Any]) -> list[str]:
         """Contact rows of rigid motions, loads along them, their units, and stiffnesses of springs."""
         of_motions, loads = (self.arrays[item[key]] for key in ("taken", "driving"))
-        places = np.arange(len(of_motions))
-        size = float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+        size = self._softness
         scales = {"units": np.abs(of_motions).max(axis=0), "pushes": (of_motions**2).mean(axis=0)}
         values = {name: size / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
         arrays = {"taken": of_motions, "driving": loads} | values
         return [self._array(name, array) for name, array in arrays.items()]
 
+    @property
+    def _softness(self) -> float:
+        """Mean of the diagonal of S, which is stored by halves."""
+        places = np.arange(self.tree["m"])
+        return float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+
     def _sizes(self, places: np.ndarray) -> Iterable[str]:
         tree = self.tree
         friction = tree["friction"]
         grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
-        sizes = {
+        sizes: dict[str, float] = {
             "PARAMETERS": len(tree["names"]),
             "CONDITIONS": tree["m"],
             "OUTPUTS": len(tree["outputs"]),
@@ -248,6 +253,8 @@ class _Data:
             "FLOWS": int(tree["flow"] is not None),
             "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
         }
+        if tree["floating"]:
+            sizes["SOFTNESS"] = self._softness
         if friction is not None:
             rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
             sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
@@ -264,7 +271,7 @@ class _Data:
                 "REGISTERS": max([1, *(law["registers"] for law in laws)]),
                 "CONSTANTS": max(len(group["constants"]) for group in flow["groups"]),
             }
-        if paths := friction or tree["flow"]:
+        if paths := tree["flow"] or friction:
             sizes["FIXED_COUNT"] = len(paths["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 

@@ -1,6 +1,7 @@
 
 /* Histories of inelastic bodies: plastic corrections and all contact forces of an increment, by Newton's method with a line
-   search, as in flow.js. Strains and memory are stored component by component. */
+   search, as in flow.js. Strains and memory are stored component by component. Where contacts rub, each correction has an
+   increment of friction, see friction.h. */
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
 #define MODEL_CORRECTED 1e-11
@@ -20,6 +21,9 @@ typedef struct {
     double largest; /* denominator of errors of corrections */
     unsigned char active[MODEL_CONDITIONS], elastic[MODEL_CONDITIONS];
     int loaded; /* 1 if statuses are known */
+#if MODEL_RUBS
+    model_slip slip;
+#endif
 } model_state;
 
 /* Results of an increment at a correction. */
@@ -32,6 +36,9 @@ typedef struct {
 typedef struct {
     model_work *room;
     model_state *state, *pool;
+#if MODEL_RUBS
+    model_slider *slider;
+#endif
     model_trial *here, *next;
     model_place *place;
     double *tested, *scale, *coupled, *constants, *slopes, *slack, *strain, *elastic, *sizes; /* of an increment */
@@ -43,6 +50,9 @@ typedef struct {
 
 static inline void model_path_free(model_path *p) {
     if (!p) return;
+#if MODEL_RUBS
+    model_slider_free(p->slider);
+#endif
     model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), free(p->place), free(p->tested), free(p->scale);
     free(p->coupled), free(p->constants), free(p->slopes), free(p->slack), free(p->strain), free(p->elastic);
     free(p->sizes), free(p->jacobian), free(p->inner), free(p->columns), free(p->under), free(p->flowing);
@@ -90,6 +100,9 @@ static inline model_path *model_path_new(void) {
     int all = p->room && p->state && p->pool && p->here && p->next && p->place;
     for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
         all = (*wanted[k].rows = calloc(wanted[k].count, sizeof(double))) && all;
+#if MODEL_RUBS
+    all = (p->slider = model_slider_new(p->room)) && all;
+#endif
     p->order = malloc(ell * sizeof(int)), p->on = malloc(m * sizeof(int)), p->places = malloc(size * sizeof(int));
     if (all && p->order && p->on && p->places) {
         model_set_tested(p);
@@ -170,6 +183,24 @@ static inline void model_set_loads(model_path *p) {
     }
 }
 
+#if MODEL_RUBS
+/* Laws of friction at a point, S, and slacks less what has slipped; 0 if laws are not numbers. */
+static inline int model_ready(model_path *p, const model_state *before, const double *point) {
+    for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->slip.position[k];
+    model_set_softened(p->slider, p->room->schur), model_set_stiffness(p->slider);
+    memset(p->elastic, 0, MODEL_CONDITIONS * sizeof(double));
+    return model_set_laws(p->slider, point);
+}
+
+/* The increment of friction under a slack, from the forces of a trial or a state. */
+static inline int model_touched(model_path *p, const double *slack, const double *forces) {
+    for (int i = 0; i < MODEL_CONDITIONS; i++)
+        if (!isfinite(slack[i])) return 0;
+    memcpy(p->slider->slack, slack, MODEL_CONDITIONS * sizeof(double));
+    memcpy(p->slider->start, forces, MODEL_CONDITIONS * sizeof(double));
+    return model_settles(p->slider);
+}
+#else
 /* The contact problem of a slack, from initial statuses or, without any, from those of the slack. */
 static inline int model_touched(model_path *p, const double *slack, const unsigned char *start) {
     model_work *w = p->room;
@@ -178,6 +209,35 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
         w->slack[i] = slack[i], w->active[i] = start ? start[i] : slack[i] < 0;
     }
     return model_settled(w);
+}
+
+/* Forces of the elastic bodies, by which the cubature is corrected, and their statuses; 0 without any. */
+static inline int model_ready(model_path *p, const model_state *before, unsigned char *elastic) {
+    if (!model_touched(p, p->slack, before->loaded ? before->elastic : NULL)) return 0;
+    memcpy(p->elastic, p->room->forces, MODEL_CONDITIONS * sizeof(double));
+    memcpy(elastic, p->room->active, MODEL_CONDITIONS);
+    return 1;
+}
+#endif
+
+/* The contact problem under the correction of a trial, from forces or statuses; 0 without a solution. */
+static inline int model_pressed_by(model_path *p, const double *forces, const unsigned char *start, model_trial *out) {
+    double slack[MODEL_CONDITIONS];
+    memcpy(slack, p->slack, sizeof slack);
+    for (int i = 0; i < MODEL_CONDITIONS; i++)
+        for (int j = 0; j < MODEL_MODES; j++) slack[i] -= model_moved[i * MODEL_MODES + j] * out->correction[j];
+#if MODEL_RUBS
+    (void)start;
+    if (!model_touched(p, slack, forces)) return 0;
+    memcpy(out->forces, p->slider->forces, sizeof out->forces);
+    memcpy(out->active, p->slider->at, sizeof out->active);
+#else
+    (void)forces;
+    if (!model_touched(p, slack, start)) return 0;
+    memcpy(out->forces, p->room->forces, sizeof out->forces);
+    memcpy(out->active, p->room->active, sizeof out->active);
+#endif
+    return 1;
 }
 
 /* Memory of all points at the end of an increment or, with a number of those that flow, their slopes; 0 without an answer. */
@@ -204,15 +264,10 @@ static inline int model_set_memory(model_path *p, const model_state *before, mod
 }
 
 /* Contact forces, strain, memory and residual at the correction of a trial; 0 without a solution. */
-static inline int model_tried(model_path *p, const model_state *before, const unsigned char *start, model_trial *out) {
+static inline int model_tried(model_path *p, const model_state *before, const double *forces, const unsigned char *start,
+                              model_trial *out) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = MODEL_POINTS;
-    double slack[MODEL_CONDITIONS];
-    memcpy(slack, p->slack, sizeof slack);
-    for (int i = 0; i < m; i++)
-        for (int j = 0; j < ell; j++) slack[i] -= model_moved[i * ell + j] * out->correction[j];
-    if (!model_touched(p, slack, start)) return 0;
-    memcpy(out->forces, p->room->forces, sizeof out->forces);
-    memcpy(out->active, p->room->active, sizeof out->active);
+    if (!model_pressed_by(p, forces, start, out)) return 0;
     memset(out->strain, 0, sizeof out->strain);
     for (int i = 0; i < m; i++)
         if (out->forces[i] != 0)
@@ -260,23 +315,48 @@ static inline void model_take_flow(model_path *p, const model_state *before, mod
     }
 }
 
-/* Newton's matrix at a trial, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, W = S_AA^-1 (B V)_A. */
-static inline int model_linearised(model_path *p, const model_state *before, model_trial *here) {
+/* Derivatives of the forces of some conditions, on, by the corrections of a trial, on its statuses: W = S_AA^-1 (B V)_A, or
+   those of an increment of friction. Returns how many conditions there are, -1 if forces are undetermined. */
+static inline int model_set_pushes(model_path *p, model_trial *here) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES;
     int n = 0;
+#if MODEL_RUBS
+    model_slider *q = p->slider;
+    if (!model_pressed_by(p, here->forces, NULL, here)) return -1; /* other trials were solved since: its statuses again */
+    const int size = model_on_statuses(q);
+    if (size < 0) return -1;
+    for (int i = 0; i < m; i++)
+        if (here->active[i]) p->on[n++] = i;
+    memset(q->known, 0, m * sizeof(double));
+    for (int j = 0; j < ell; j++) {
+        for (int i = 0; i < m; i++) q->slack[i] = -model_moved[i * ell + j];
+        if (!model_answered(q, size)) return -1;
+        for (int a = 0; a < n; a++) p->columns[j * m + a] = q->forces[p->on[a]];
+    }
+#else
     for (int i = 0; i < m; i++)
         if (here->active[i]) p->on[n++] = i;
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) p->inner[a * n + b] = p->room->schur[p->on[a] * m + p->on[b]];
-    if (!model_lu(p->inner, n, p->room->pivots)) return 0;
-    memcpy(p->jacobian, model_modal, ell * ell * sizeof(double));
+    if (!model_lu(p->inner, n, p->room->pivots)) return -1;
     for (int j = 0; j < ell; j++) {
         double *column = p->columns + j * m;
         for (int a = 0; a < n; a++) column[a] = model_moved[p->on[a] * ell + j];
         model_lu_solved(p->inner, n, p->room->pivots, column);
-        for (int a = 0; a < n; a++)
-            for (int row = 0; row < ell; row++) p->jacobian[row * ell + j] += p->coupled[row * m + p->on[a]] * column[a];
     }
+#endif
+    return n;
+}
+
+/* Newton's matrix at a trial, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W. */
+static inline int model_linearised(model_path *p, const model_state *before, model_trial *here) {
+    const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = model_set_pushes(p, here);
+    if (n < 0) return 0;
+    memcpy(p->jacobian, model_modal, ell * ell * sizeof(double));
+    for (int j = 0; j < ell; j++)
+        for (int a = 0; a < n; a++)
+            for (int row = 0; row < ell; row++)
+                p->jacobian[row * ell + j] += p->coupled[row * m + p->on[a]] * p->columns[j * m + a];
     model_take_flow(p, before, here, n);
     if (!model_lu(p->jacobian, ell, p->order)) return 0;
     for (int k = 0; k < ell * ell; k++)
@@ -290,7 +370,7 @@ static inline int model_stepped(model_path *p, const model_state *before, double
     memcpy(step, p->here->residual, sizeof step);
     model_lu_solved(p->jacobian, MODEL_MODES, p->order, step);
     for (int j = 0; j < MODEL_MODES; j++) p->next->correction[j] = p->here->correction[j] + share * step[j];
-    if (!model_tried(p, before, p->here->active, p->next) || !(p->next->merit <= most)) return 0;
+    if (!model_tried(p, before, p->here->forces, p->here->active, p->next) || !(p->next->merit <= most)) return 0;
     model_trial *past = p->here;
     p->here = p->next, p->next = past;
     return 1;
@@ -327,12 +407,14 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     model_set_theta(p->room, point);
     if (!model_set_elasticity(p, point) || !model_set_constants(p, point)) return 0;
     model_set_loads(p);
-    if (!model_touched(p, p->slack, before->loaded ? before->elastic : NULL)) return 0;
-    memcpy(p->elastic, p->room->forces, MODEL_CONDITIONS * sizeof(double));
+#if MODEL_RUBS
+    if (!model_ready(p, before, point)) return 0;
+#else
     unsigned char elastic[MODEL_CONDITIONS];
-    memcpy(elastic, p->room->active, sizeof elastic);
+    if (!model_ready(p, before, elastic)) return 0;
+#endif
     memcpy(p->here->correction, before->correction, sizeof p->here->correction);
-    if (!model_tried(p, before, before->active, p->here)) return 0;
+    if (!model_tried(p, before, before->forces, before->active, p->here)) return 0;
     double largest = fmax(before->largest, MODEL_NOISE * p->weight * model_norm(p->here->strain, MODEL_SIZE) / MODEL_CORRECTED);
     int iteration = 0;
     while (!(p->here->merit <= MODEL_CORRECTED * fmax(model_norm(p->here->correction, MODEL_MODES), largest)))
@@ -344,7 +426,12 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     memcpy(after->forces, p->here->forces, sizeof after->forces);
     memcpy(after->memory, p->here->memory, sizeof after->memory);
     memcpy(after->active, p->here->active, sizeof after->active);
+#if MODEL_RUBS
+    if (!model_pressed_by(p, p->here->forces, NULL, p->here)) return 0; /* other trials were solved since: its slip again */
+    model_remember(p->slider, &before->slip, &after->slip);
+#else
     memcpy(after->elastic, elastic, sizeof after->elastic);
+#endif
     after->largest = largest, after->loaded = 1;
     return 1;
 }

@@ -83,7 +83,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         generationTool=f"hhr_dolfinx {__version__}",
         description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
     )
-    path = tree["friction"] or tree["flow"]
+    path = tree["flow"] or tree["friction"]
     ElementTree.SubElement(
         root,
         "CoSimulation",

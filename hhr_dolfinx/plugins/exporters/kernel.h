@@ -375,8 +375,10 @@ static inline void model_between(const double *from, const double *to, double sh
 }
 #endif
 
-#if !MODEL_RUBS
 /*FLOATING*/
+#if MODEL_RUBS
+/*FRICTION*/
+#else
 /* Forces and slack for given statuses; 0 if their set is singular. */
 static inline int model_equalities(model_work *w) {
 #if MODEL_MOTIONS
@@ -452,9 +454,11 @@ static inline int model_settled(model_work *w) {
     return 0;
 }
 
+#endif
+
 #if MODEL_FLOWS
 /*FLOW*/
-#else
+#elif !MODEL_RUBS
 /*SPRINGS*/
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
    Initial statuses are those of the previous answer. */
@@ -507,9 +511,6 @@ static inline int model_derivatives(model_work *w, const double *point, double *
     }
     return MODEL_DONE;
 }
-#endif
-#else
-/*FRICTION*/
 #endif
 
 #if MODEL_RUBS || MODEL_FLOWS

@@ -39,6 +39,7 @@ PLUGIN = Plugin(
         "range": f"{_HERE}.range:FrictionRange",
         "report": f"{_HERE}.report:REPORT",
         "page": f"{_HERE}.page:PAGE",
+        "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes",
         "deck": f"{_HERE}.pair_laws:DECK",
     },
     switches={f"{_HERE}.switches": "friction friction_by_formula tresca"},

@@ -1,23 +1,19 @@
 
 /* Increments with friction, with one tangent per contact, or two in space: statuses and directions by a semi-smooth Newton
-   method; if it does not converge, sweeps over single contacts improve the forces. As in friction.js. */
-#define MODEL_NEWTON 40
+   method; if it does not converge, sweeps over single contacts improve the forces. Rigid motions of bodies that contact alone
+   holds are unknowns too; if that fails, weak springs hold the bodies. As in friction.js. */
+#define MODEL_RUBBED 40
 #define MODEL_GIVES 1e-4
-#define MODEL_HALVED 6
-#define MODEL_FEWEST 4
-#define MODEL_CUTS 12
-#define MODEL_SETTLED 1e-3
-#define MODEL_WORK_LEAST 1e-3
-#define MODEL_APART 1e-9
-#define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* index of the end of an increment */
+#define MODEL_BORDERED (MODEL_CONDITIONS + MODEL_MOTIONS)
+#define MODEL_RESTING 1e-10 /* of bodies with rigid motions */
+#define MODEL_HUGE 1e9
 
 /* State of contacts: sticking position, length of slip, its work and its wear. */
 typedef struct {
-    double point[MODEL_PARAMETERS], forces[MODEL_CONDITIONS], position[MODEL_TANGENTS], slipped[MODEL_CONTACTS];
+    double position[MODEL_TANGENTS], slipped[MODEL_CONTACTS];
     double work[MODEL_CONTACTS], wear[MODEL_CONTACTS], pressure[MODEL_CONTACTS], bound[MODEL_CONTACTS], gap[MODEL_CONTACTS];
-    double energy;
     unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 stick, 2 slip */
-} model_state;
+} model_slip;
 
 /* An unknown: its rows, its test, and its diagonal term. */
 typedef struct {
@@ -25,42 +21,51 @@ typedef struct {
     double shares[3], weights[2], own;
 } model_column;
 
+/* The contact problem of an increment. */
 typedef struct {
     model_work *room;
-    model_state *state, *pool;
     model_column *columns;
     double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: slip directions along rows */
-    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, energy; /* the last two are denominators of errors */
+    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe;
+#if MODEL_MOTIONS
+    double *held, *bare, motions[MODEL_MOTIONS]; /* S and slack of bodies on springs, or without */
+    int floats; /* motions are unknowns */
+#endif
     int *place;
     unsigned char *at, *pressing, *seen; /* at: rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
-    int begun;
-} model_path;
+} model_slider;
 
-static inline void model_path_free(model_path *p) {
+static inline void model_slider_free(model_slider *p) {
     if (!p) return;
-    model_free(p->room), free(p->state), free(p->pool), free(p->schur), free(p->slack), free(p->stiffness), free(p->y);
-    free(p->start), free(p->forces), free(p->left), free(p->known), free(p->x), free(p->ways), free(p->columns), free(p->place), free(p->at);
-    free(p->pressing), free(p->seen), free(p);
+    free(p->schur), free(p->slack), free(p->stiffness), free(p->y), free(p->start), free(p->forces), free(p->left);
+    free(p->known), free(p->x), free(p->ways), free(p->columns), free(p->place), free(p->at), free(p->pressing), free(p->seen);
+#if MODEL_MOTIONS
+    free(p->held), free(p->bare);
+#endif
+    free(p);
 }
 
-/* A path that has not begun; NULL without memory. */
-static inline model_path *model_path_new(void) {
+/* Work arrays that use those of a room; NULL without memory. */
+static inline model_slider *model_slider_new(model_work *room) {
     const size_t m = MODEL_CONDITIONS;
-    model_path *p = calloc(1, sizeof *p);
+    model_slider *p = calloc(1, sizeof *p);
     if (!p) return NULL;
-    p->room = model_new(), p->state = calloc(1, sizeof *p->state);
-    p->pool = calloc(3 * (MODEL_CUTS + 2), sizeof *p->pool), p->schur = malloc(m * m * sizeof(double));
+    p->room = room, p->schur = malloc(m * m * sizeof(double));
     double **rows[] = {&p->slack, &p->stiffness, &p->y, &p->start, &p->forces, &p->left, &p->known, &p->x, &p->ways};
-    int all = p->room && p->state && p->pool && p->schur;
-    for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) all = (*rows[k] = calloc(m, sizeof(double))) && all;
+    int all = room && p->schur;
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) all = (*rows[k] = calloc(MODEL_BORDERED, sizeof(double))) && all;
     p->columns = malloc(m * sizeof *p->columns), p->place = malloc(m * sizeof(int)), p->at = malloc(3 * m), p->pressing = malloc(m);
-    p->seen = malloc(3 * m * (MODEL_NEWTON + 1));
+    p->seen = malloc(3 * m * (MODEL_RUBBED + 1));
+#if MODEL_MOTIONS
+    p->held = malloc(m * m * sizeof(double)), p->bare = malloc(m * sizeof(double));
+    all = all && p->held && p->bare;
+#endif
     if (all && p->columns && p->place && p->at && p->pressing && p->seen) {
         memset(p->pressing, 1, m);
         for (int k = 0; k < MODEL_TANGENTS; k++) p->pressing[model_tangential[k]] = 0;
         return p;
     }
-    model_path_free(p);
+    model_slider_free(p);
     return NULL;
 }
 
@@ -70,13 +75,13 @@ static inline double model_most(const double *values) {
     return most;
 }
 
-static inline double model_bounded(const model_path *p, int contact, double force) {
+static inline double model_bounded(const model_slider *p, int contact, double force) {
     const double carried = isinf(p->coefficient[contact]) ? INFINITY : p->coefficient[contact] * fmax(force, 0);
     return fmin(carried, p->limit[contact]);
 }
 
-/* Slack under forces. */
-static inline void model_leave(const model_path *p, const double *forces, double *left) {
+/* Slack under forces, and under motions. */
+static inline void model_leave(const model_slider *p, const double *forces, double *left) {
     const int m = MODEL_CONDITIONS;
     memcpy(left, p->slack, m * sizeof(double));
     for (int j = 0; j < m; j++)
@@ -84,10 +89,17 @@ static inline void model_leave(const model_path *p, const double *forces, double
             for (int i = 0; i < m; i++) left[i] += p->schur[i * m + j] * forces[j];
 }
 
+static inline void model_leave_moved(const model_slider *p, const double *forces, double *left) {
+    model_leave(p, forces, left);
+#if MODEL_MOTIONS
+    for (int i = 0; i < MODEL_CONDITIONS && p->floats; i++) left[i] -= model_taken_by(i, p->motions);
+#endif
+}
+
 static inline double model_share(double bound, double size) { return size > bound ? bound / size : 1; }
 
 /* Statuses from forces and slacks; returns the residual. */
-static inline double model_projected(model_path *p, double probe) {
+static inline double model_projected(model_slider *p, double probe) {
     const int m = MODEL_CONDITIONS;
     unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
     double worst = 0;
@@ -122,7 +134,7 @@ static inline double model_projected(model_path *p, double probe) {
     return worst;
 }
 
-static inline model_column *model_unknown(model_path *p, int *n, int row) {
+static inline model_column *model_unknown(model_slider *p, int *n, int row) {
     model_column *column = &p->columns[(*n)++];
     memset(column, 0, sizeof *column);
     column->rows[0] = column->tests[0] = row;
@@ -131,8 +143,9 @@ static inline model_column *model_unknown(model_path *p, int *n, int row) {
 }
 
 /* Unknowns for given statuses; a force that slips at its limit is known. Other slipping forces are proportional to the
-   pressure; in space the force across, along e, is an unknown too: (1 - s) x + s p c e slack = 0 with s = shrunk. */
-static inline int model_unknowns(model_path *p) {
+   pressure; in space the force across, along e, is an unknown too: (1 - s) x + s p c e slack = 0 with s = shrunk. Beside
+   motions rows of slacks and of forces have one scale. */
+static inline int model_unknowns(model_slider *p) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
     int n = 0;
@@ -155,34 +168,92 @@ static inline int model_unknowns(model_path *p) {
         }
         if (count < 2) continue;
         const int one = model_tangential[first], two = model_tangential[first + 1];
-        const double tested = p->shrunk[contact] * p->probe * p->stiffness[one];
+        double unit = 1;
+#if MODEL_MOTIONS
+        if (p->floats) unit = MODEL_SOFTNESS;
+#endif
+        const double tested = unit * p->shrunk[contact] * p->probe * p->stiffness[one];
         model_column *across = model_unknown(p, &n, one);
         across->rows[1] = across->tests[1] = two, across->count = across->tested = 2;
         across->shares[0] = -p->ways[two], across->shares[1] = p->ways[one];
         across->weights[0] = tested * across->shares[0], across->weights[1] = tested * across->shares[1];
-        across->own = 1 - p->shrunk[contact];
+        across->own = unit * (1 - p->shrunk[contact]);
     }
     return n;
 }
 
-/* Forces for given statuses; 0 if they are undetermined. */
-static inline int model_on_statuses(model_path *p) {
+/* Factors the system of given statuses, and sets the forces that slip at limits; returns its size without motions, -1 if it
+   is singular. */
+static inline int model_on_statuses(model_slider *p) {
     const int m = MODEL_CONDITIONS, n = model_unknowns(p);
-    double *a = p->room->factored, *pushed = p->y;
-    model_leave(p, p->known, pushed);
+    double *a = p->room->factored;
+    int size = n;
+#if MODEL_MOTIONS
+    if (p->floats) size += MODEL_MOTIONS;
+#endif
+    memset(a, 0, sizeof(double) * size * size);
     for (int r = 0; r < n; r++) {
         const model_column *tests = &p->columns[r];
-        p->x[r] = 0;
-        for (int c = 0; c < n; c++) a[r * n + c] = c == r ? tests->own : 0;
+        a[r * size + r] = tests->own;
         for (int t = 0; t < tests->tested; t++) {
             const double *row = p->schur + tests->tests[t] * m;
-            p->x[r] -= tests->weights[t] * pushed[tests->tests[t]];
             for (int c = 0; c < n; c++)
                 for (int k = 0; k < p->columns[c].count; k++)
-                    a[r * n + c] += tests->weights[t] * p->columns[c].shares[k] * row[p->columns[c].rows[k]];
+                    a[r * size + c] += tests->weights[t] * p->columns[c].shares[k] * row[p->columns[c].rows[k]];
         }
     }
-    if (!model_factored(a, n, p->room->pivots, p->x)) return 0;
+#if MODEL_MOTIONS
+    for (int j = 0; j < size - n; j++) /* effect of the motions, in their units, and the balance along them */
+        for (int r = 0; r < n; r++) {
+            const model_column *own = &p->columns[r];
+            for (int t = 0; t < own->tested; t++)
+                a[r * size + n + j] -= own->weights[t] * model_taken[own->tests[t] * MODEL_MOTIONS + j] * model_units[j];
+            for (int k = 0; k < own->count; k++)
+                a[(n + j) * size + r] += own->shares[k] * model_taken[own->rows[k] * MODEL_MOTIONS + j] * model_units[j];
+        }
+    if (p->floats) memcpy(p->room->whole, a, sizeof(double) * size * size);
+#endif
+    return model_lu(a, size, p->room->pivots) ? n : -1;
+}
+
+#if MODEL_MOTIONS
+/* 0 for a solution that is round-off of a singular system, by its residual and its size. */
+static inline int model_sound(const model_slider *p, int size) {
+    const double *whole = p->room->whole, *right = p->room->right;
+    double most = 0, largest = 0;
+    for (int i = 0; i < size; i++) most = fmax(most, fabs(right[i])), largest = fmax(largest, fabs(p->x[i]));
+    for (int i = 0; i < size; i++) {
+        double left = right[i];
+        for (int j = 0; j < size; j++) left -= whole[i * size + j] * p->x[j];
+        if (!(fabs(left) <= MODEL_SINGULAR * most)) return 0;
+    }
+    return MODEL_SOFTNESS * largest <= MODEL_HUGE * most;
+}
+#endif
+
+/* Forces, and motions, by the n unknowns of a factored system; 0 if they are undetermined. */
+static inline int model_answered(model_slider *p, int n) {
+    const int m = MODEL_CONDITIONS;
+    double *pushed = p->y;
+    int size = n;
+    model_leave(p, p->known, pushed);
+    for (int r = 0; r < n; r++) {
+        p->x[r] = 0;
+        for (int t = 0; t < p->columns[r].tested; t++) p->x[r] -= p->columns[r].weights[t] * pushed[p->columns[r].tests[t]];
+    }
+#if MODEL_MOTIONS
+    for (int j = 0; j < MODEL_MOTIONS && p->floats; j++) {
+        double left = p->room->driving[j];
+        for (int i = 0; i < m; i++) left -= p->known[i] * model_taken[i * MODEL_MOTIONS + j];
+        p->x[size++] = model_units[j] * left;
+    }
+    if (p->floats) memcpy(p->room->right, p->x, size * sizeof(double));
+#endif
+    model_lu_solved(p->room->factored, size, p->room->pivots, p->x);
+#if MODEL_MOTIONS
+    if (p->floats && !model_sound(p, size)) return 0;
+    for (int j = 0; j < size - n; j++) p->motions[j] = model_units[j] * p->x[n + j];
+#endif
     memcpy(p->forces, p->known, m * sizeof(double));
     for (int c = 0; c < n; c++)
         for (int k = 0; k < p->columns[c].count; k++) p->forces[p->columns[c].rows[k]] += p->columns[c].shares[k] * p->x[c];
@@ -191,20 +262,37 @@ static inline int model_on_statuses(model_path *p) {
     return 1;
 }
 
+#if MODEL_MOTIONS
+/* 1 if forces balance the loads along all motions. */
+static inline int model_rests(model_slider *p) {
+    double left[MODEL_MOTIONS], sizes[MODEL_MOTIONS], most = 0;
+    if (!p->floats) return 1;
+    memcpy(p->room->forces, p->forces, MODEL_CONDITIONS * sizeof(double));
+    model_balance(p->room, left, sizes, 0);
+    for (int j = 0; j < MODEL_MOTIONS; j++) most = fmax(most, sizes[j]);
+    for (int j = 0; j < MODEL_MOTIONS; j++)
+        if (!(fabs(left[j]) <= MODEL_RESTING * most)) return 0;
+    return 1;
+}
+#endif
+
 /* Newton's method from initial forces; stores forces and slacks if it converges, else returns 0. */
-static inline int model_iterated(model_path *p, const double *start, double probe) {
+static inline int model_iterated(model_slider *p, const double *start, double probe) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
     double noise = 0, least = INFINITY;
     memcpy(p->forces, start, m * sizeof(double));
     for (int i = 0; i < m; i++) noise = fmax(noise, fabs(p->stiffness[i] * p->slack[i]));
-    for (int iteration = 0; iteration <= MODEL_NEWTON; iteration++) {
-        model_leave(p, p->forces, p->left);
+    for (int iteration = 0; iteration <= MODEL_RUBBED; iteration++) {
+        model_leave_moved(p, p->forces, p->left);
         const double worst = model_projected(p, probe);
-        if (worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise) {
+        int done = worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise;
+#if MODEL_MOTIONS
+        done = done && model_rests(p);
+#endif
+        if (done) {
             for (int i = 0; i < m; i++) {
                 if (!acting[i]) p->forces[i] = 0;
-                p->x[i] = p->left[i] - p->slack[i]; /* response to the forces */
                 if (acting[i] && !slips[i]) p->left[i] = 0;
             }
             return 1;
@@ -213,53 +301,158 @@ static inline int model_iterated(model_path *p, const double *start, double prob
             if (!memcmp(p->seen + 3 * (size_t)m * k, p->at, 3 * (size_t)m) && !(worst < 0.5 * least)) return 0;
         memcpy(p->seen + 3 * (size_t)m * iteration, p->at, 3 * (size_t)m);
         least = fmin(least, worst);
-        if (!model_on_statuses(p)) return 0;
+        const int n = model_on_statuses(p);
+        if (n < 0 || !model_answered(p, n)) return 0;
     }
     return 0;
 }
 
-static inline double model_moved(const model_path *p, const double *forces, int i) {
+static inline double model_drawn(const model_slider *p, const double *forces, int i) {
     double left = p->slack[i];
     for (int j = 0; j < MODEL_CONDITIONS; j++) left += p->schur[i * MODEL_CONDITIONS + j] * forces[j];
     return forces[i] - p->stiffness[i] * left;
 }
 
 /* Projections of single contacts, one after another, in place. */
-static inline void model_swept(const model_path *p, double *forces, int count) {
+static inline void model_swept(const model_slider *p, double *forces, int count) {
     for (int sweep = 0; sweep < count; sweep++) {
         for (int i = 0; i < MODEL_CONDITIONS; i++)
-            if (p->pressing[i]) forces[i] = fmax(0, model_moved(p, forces, i));
+            if (p->pressing[i]) forces[i] = fmax(0, model_drawn(p, forces, i));
         for (int contact = 0; contact < MODEL_CONTACTS; contact++) {
             const int first = model_along[contact], count = model_along[contact + 1] - first;
             double moved[2] = {0, 0};
-            for (int k = 0; k < count; k++) moved[k] = model_moved(p, forces, model_tangential[first + k]);
+            for (int k = 0; k < count; k++) moved[k] = model_drawn(p, forces, model_tangential[first + k]);
             const double share = model_share(model_bounded(p, contact, forces[model_normal[contact]]), hypot(moved[0], moved[1]));
             for (int k = 0; k < count; k++) forces[model_tangential[first + k]] = share * moved[k];
         }
     }
 }
 
-static inline int model_settles(model_path *p) {
-    static const int sweeps[] = {0, 10, 30, 100, 300, 1000, 3000};
+/* Newton's method, with one factor of the slip after another. */
+static inline int model_probed(model_slider *p) {
     static const double probes[] = {0.2, 1, 0.01};
-    for (size_t s = 0; s < sizeof sweeps / sizeof *sweeps; s++) {
-        model_swept(p, p->start, sweeps[s]);
-        for (size_t k = 0; k < sizeof probes / sizeof *probes; k++)
-            if (model_iterated(p, p->start, probes[k])) return 1;
+#if MODEL_MOTIONS
+    double begin[MODEL_MOTIONS];
+    memcpy(begin, p->motions, sizeof begin);
+#endif
+    for (size_t k = 0; k < sizeof probes / sizeof *probes; k++) {
+#if MODEL_MOTIONS
+        memcpy(p->motions, begin, sizeof begin);
+#endif
+        if (model_iterated(p, p->start, probes[k])) return 1;
     }
     return 0;
 }
 
-/* State after an increment: bounds and pressures along a slip are the means of both ends. */
-static inline void model_remember(const model_path *p, const model_state *before, const double *point, model_state *after) {
+/* Forces of bodies that are held, from those at the start, which sweeps improve in place. */
+static inline int model_settles(model_slider *p) {
+    static const int sweeps[] = {0, 10, 30, 100, 300, 1000, 3000};
+    for (size_t s = 0; s < sizeof sweeps / sizeof *sweeps; s++) {
+        model_swept(p, p->start, sweeps[s]);
+        if (model_probed(p)) return 1;
+    }
+    return 0;
+}
+
+/* S with some slip of redundant rows: those that act on no unknown by a part of the compliance of their pressure; and the
+   forces that turn the slack of a row into one. */
+static inline void model_set_softened(model_slider *p, const double *schur) {
+    const int m = MODEL_CONDITIONS;
+    memcpy(p->schur, schur, m * m * sizeof(double));
+    for (int k = 0; k < MODEL_TWICE; k++) {
+        int own = 0;
+        while (model_tangential[own] != model_twice[k]) own++;
+        const int row = model_twice[k], pressure = model_normal[model_owner[own]];
+        const double compliance = p->schur[row * m + row];
+        p->schur[row * m + row] += MODEL_GIVES * (compliance > 0 ? compliance : p->schur[pressure * m + pressure]);
+    }
+}
+
+static inline void model_set_stiffness(model_slider *p) {
+    for (int i = 0; i < MODEL_CONDITIONS; i++) p->stiffness[i] = 1 / fabs(p->schur[i * MODEL_CONDITIONS + i]);
+    for (int k = 0; k < MODEL_CONTACTS; k++) /* the same for both directions of a contact: the projection is on a disc */
+        if (model_along[k + 1] - model_along[k] == 2) {
+            const int one = model_tangential[model_along[k]], two = model_tangential[model_along[k] + 1];
+            p->stiffness[one] = p->stiffness[two] = fmin(p->stiffness[one], p->stiffness[two]);
+        }
+}
+
+/* Laws at a point; 0 if they are not numbers. */
+static inline int model_set_laws(model_slider *p, const double *point) {
+    for (int k = 0; k < MODEL_CONTACTS; k++) {
+        const model_law *law = &model_laws[model_law_of[k]];
+        p->coefficient[k] = law->coefficient ? law->coefficient(point) : INFINITY;
+        p->limit[k] = law->limit ? law->limit(point) * model_area[k] : INFINITY;
+        if (isnan(p->coefficient[k]) || isnan(p->limit[k])) return 0;
+    }
+    return 1;
+}
+
+#if MODEL_MOTIONS
+/* S and the slack of bodies on springs with given ends, from those of bodies without. */
+static inline void model_hold(model_slider *p, const double *schur, double weak, const double *ends) {
+    const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
+    double offset[MODEL_MOTIONS];
+    for (int j = 0; j < r; j++) offset[j] = ends[j] + model_pushes[j] * weak * p->room->driving[j];
+    for (int i = 0; i < m; i++) {
+        p->slack[i] = p->bare[i] - model_taken_by(i, offset);
+        for (int k = 0; k < m; k++) {
+            p->schur[i * m + k] = schur[i * m + k];
+            for (int j = 0; j < r; j++) p->schur[i * m + k] += model_taken[i * r + j] * model_pushes[j] * weak * model_taken[k * r + j];
+        }
+    }
+    model_set_stiffness(p), p->floats = 0;
+}
+
+/* S and the slack of bodies without springs. */
+static inline void model_let_go(model_slider *p, const double *schur) {
+    memcpy(p->schur, schur, sizeof(double) * MODEL_CONDITIONS * MODEL_CONDITIONS);
+    memcpy(p->slack, p->bare, MODEL_CONDITIONS * sizeof(double));
+    model_set_stiffness(p), p->floats = 1;
+}
+
+/* Bodies that contact alone holds: with the motions as unknowns, or on weak springs whose ends follow the motions. */
+static inline int model_settles_free(model_slider *p) {
+    static const double weakness[] = {1e3, 1e5, 1e7, 1e9};
+    const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
+    double ends[MODEL_MOTIONS] = {0}, left[MODEL_MOTIONS], sizes[MODEL_MOTIONS], stiffest = 0, nothing;
+    memset(p->motions, 0, sizeof p->motions);
+    p->floats = 1;
+    if (model_probed(p)) return 1;
+    memcpy(p->bare, p->slack, m * sizeof(double)), memcpy(p->held, p->schur, m * m * sizeof(double));
+    memset(p->start, 0, m * sizeof(double));
+    for (int i = 0; i < m; i++) stiffest = fmax(stiffest, p->stiffness[i]);
+    nothing = MODEL_NOTHING * model_most(p->bare) * stiffest;
+    for (size_t s = 0; s < sizeof weakness / sizeof *weakness; s++)
+        for (int step = 0; step < MODEL_SPRINGS; step++) {
+            double most = 0;
+            int close = 1;
+            model_hold(p, p->held, weakness[s], ends);
+            if (!model_settles(p)) return 0;
+            memcpy(p->start, p->forces, m * sizeof(double)), memcpy(p->room->forces, p->forces, m * sizeof(double));
+            model_balance(p->room, left, sizes, 0);
+            for (int j = 0; j < r; j++) ends[j] += model_pushes[j] * weakness[s] * left[j], most = fmax(most, sizes[j]);
+            for (int j = 0; j < r; j++) close = close && fabs(left[j]) <= MODEL_BALANCED * most + nothing;
+            model_let_go(p, p->held);
+            memcpy(p->motions, ends, sizeof ends);
+            if (model_probed(p)) return 1;
+            if (!close) continue;
+            model_hold(p, p->held, weakness[s], ends); /* the statuses of bodies on springs */
+            if (!model_settles(p)) return 0;
+            memcpy(p->motions, ends, sizeof ends);
+            return 1;
+        }
+    return 0;
+}
+#endif
+
+
+/* Slip after an increment: bounds and pressures along a slip are the means of both ends. */
+static inline void model_remember(const model_slider *p, const model_slip *before, model_slip *after) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
     double slipped[MODEL_CONTACTS] = {0};
     unsigned char slides[MODEL_CONTACTS] = {0};
-    memcpy(after->point, point, sizeof after->point);
-    memcpy(after->forces, p->forces, sizeof after->forces);
-    after->energy = 0;
-    for (int i = 0; i < m; i++) after->energy += 0.5 * p->forces[i] * p->x[i];
     for (int k = 0; k < MODEL_TANGENTS; k++) {
         const int row = model_tangential[k], contact = model_owner[k];
         after->position[k] = before->position[k] + p->left[row];
@@ -278,40 +471,78 @@ static inline void model_remember(const model_path *p, const model_state *before
     }
 }
 
+#if !MODEL_FLOWS
+#define MODEL_HALVED 6
+#define MODEL_FEWEST 4
+#define MODEL_CUTS 12
+#define MODEL_SETTLED 1e-3
+#define MODEL_WORK_LEAST 1e-3
+#define MODEL_APART 1e-9
+#define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* index of the end of an increment */
+
+/* State of a path of elastic bodies. */
+typedef struct {
+    double point[MODEL_PARAMETERS], forces[MODEL_CONDITIONS], energy;
+#if MODEL_MOTIONS
+    double motions[MODEL_MOTIONS];
+#endif
+    model_slip slip;
+} model_state;
+
+typedef struct {
+    model_work *room;
+    model_slider *slider;
+    model_state *state, *pool;
+    double largest, energy; /* denominators of errors */
+    int begun;
+} model_path;
+
+static inline void model_path_free(model_path *p) {
+    if (!p) return;
+    model_slider_free(p->slider), model_free(p->room), free(p->state), free(p->pool), free(p);
+}
+
+/* A path that has not begun; NULL without memory. */
+static inline model_path *model_path_new(void) {
+    model_path *p = calloc(1, sizeof *p);
+    if (!p) return NULL;
+    p->room = model_new(), p->slider = model_slider_new(p->room), p->state = calloc(1, sizeof *p->state);
+    p->pool = calloc(3 * (MODEL_CUTS + 2), sizeof *p->pool);
+    if (p->room && p->slider && p->state && p->pool) return p;
+    model_path_free(p);
+    return NULL;
+}
+
+/* Elastic energy of contact forces, with S without regularisation. */
+static inline double model_energy(const model_path *p) {
+    const model_slider *q = p->slider;
+    double energy = 0;
+    for (int i = 0; i < MODEL_CONDITIONS; i++)
+        for (int j = 0; j < MODEL_CONDITIONS; j++)
+            energy += 0.5 * q->forces[i] * p->room->schur[i * MODEL_CONDITIONS + j] * q->forces[j];
+    return energy;
+}
+
 /* State after an increment to a point; 0 if it does not converge. */
 static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
-    const int m = MODEL_CONDITIONS;
+    model_slider *q = p->slider;
     if (!model_set_contact(p->room, point)) return 0;
     p->room->started = 1; /* S is computed */
-    memcpy(p->slack, p->room->slack, m * sizeof(double));
-    memcpy(p->schur, p->room->schur, m * m * sizeof(double));
-    memcpy(p->start, before->forces, m * sizeof(double));
-    for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->position[k];
-    for (int k = 0; k < MODEL_TWICE; k++) { /* rows that act on no unknown are regularised by a part of the compliance of their pressure */
-        int own = 0;
-        while (model_tangential[own] != model_twice[k]) own++;
-        const int row = model_twice[k], pressure = model_normal[model_owner[own]];
-        const double compliance = p->schur[row * m + row];
-        p->schur[row * m + row] += MODEL_GIVES * (compliance > 0 ? compliance : p->schur[pressure * m + pressure]);
-    }
-    for (int i = 0; i < m; i++) p->stiffness[i] = 1 / fabs(p->schur[i * m + i]);
-    for (int k = 0; k < MODEL_CONTACTS; k++) /* the same for both directions of a contact: the projection is on a disc */
-        if (model_along[k + 1] - model_along[k] == 2) {
-            const int one = model_tangential[model_along[k]], two = model_tangential[model_along[k] + 1];
-            p->stiffness[one] = p->stiffness[two] = fmin(p->stiffness[one], p->stiffness[two]);
-        }
-    for (int k = 0; k < MODEL_CONTACTS; k++) {
-        const model_law *law = &model_laws[model_law_of[k]];
-        p->coefficient[k] = law->coefficient ? law->coefficient(point) : INFINITY;
-        p->limit[k] = law->limit ? law->limit(point) * model_area[k] : INFINITY;
-        if (isnan(p->coefficient[k]) || isnan(p->limit[k])) return 0;
-    }
-    if (!model_settles(p)) return 0;
-    model_remember(p, before, point, after);
-    for (int k = 0; k < MODEL_TWICE; k++) { /* the energy is that of S without regularisation */
-        const double force = p->forces[model_twice[k]];
-        after->energy -= 0.5 * MODEL_GIVES * p->room->schur[model_twice[k] * m + model_twice[k]] * force * force;
-    }
+    memcpy(q->slack, p->room->slack, MODEL_CONDITIONS * sizeof(double));
+    memcpy(q->start, before->forces, MODEL_CONDITIONS * sizeof(double));
+    for (int k = 0; k < MODEL_TANGENTS; k++) q->slack[model_tangential[k]] -= before->slip.position[k];
+    model_set_softened(q, p->room->schur), model_set_stiffness(q);
+    if (!model_set_laws(q, point)) return 0;
+#if MODEL_MOTIONS
+    if (!model_settles_free(q)) return 0;
+    memcpy(after->motions, q->motions, sizeof after->motions);
+#else
+    if (!model_settles(q)) return 0;
+#endif
+    memcpy(after->point, point, sizeof after->point);
+    memcpy(after->forces, q->forces, sizeof after->forces);
+    after->energy = model_energy(p);
+    model_remember(q, &before->slip, &after->slip);
     return 1;
 }
 
@@ -328,11 +559,11 @@ static inline int model_reached(model_path *p, const model_state *before, const 
 /* Squared sticking force of contacts that closed in this increment; its reference is the start of the increment. */
 static inline double model_stuck(const model_state *before, const model_state *after) {
     double apart = 0, square = 0;
-    for (int k = 0; k < MODEL_CONTACTS; k++) apart = fmax(apart, MODEL_APART * fabs(before->gap[k]));
+    for (int k = 0; k < MODEL_CONTACTS; k++) apart = fmax(apart, MODEL_APART * fabs(before->slip.gap[k]));
     for (int k = 0; k < MODEL_TANGENTS; k++) {
         const int contact = model_owner[k];
         const double force = after->forces[model_tangential[k]];
-        if (after->pressure[contact] > 0 && before->gap[contact] > apart) square += force * force;
+        if (after->slip.pressure[contact] > 0 && before->slip.gap[contact] > apart) square += force * force;
     }
     return square;
 }
@@ -343,7 +574,7 @@ static inline double model_off(const model_path *p, const model_state *before, c
     double change = 0, work = 0, other = 0;
     for (int i = 0; i < MODEL_CONDITIONS; i++)
         change += (second->forces[i] - whole->forces[i]) * (second->forces[i] - whole->forces[i]);
-    for (int k = 0; k < MODEL_CONTACTS; k++) work += second->work[k], other += whole->work[k];
+    for (int k = 0; k < MODEL_CONTACTS; k++) work += second->slip.work[k], other += whole->slip.work[k];
     const double forces = sqrt(change) + sqrt(model_stuck(before, half) + model_stuck(half, second));
     const double scale = work + MODEL_WORK_LEAST * p->energy;
     return fmax(forces / (p->largest > 0 ? p->largest : 1), fabs(work - other) / (scale > 0 ? scale : 1));
@@ -381,6 +612,9 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     model_work *w = p->room;
     if (!model_set_contact(w, p->state->point)) return MODEL_NO_ANSWER;
     memcpy(w->forces, p->state->forces, MODEL_CONDITIONS * sizeof(double));
+#if MODEL_MOTIONS
+    memcpy(w->motions, p->state->motions, sizeof w->motions);
+#endif
     if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
     if (outputs) model_read(w, outputs);
     return MODEL_DONE;
@@ -396,7 +630,7 @@ static inline int model_rest(model_path *p, const double *point) {
     if (!model_stays(point)) return MODEL_OUTSIDE;
     if (!model_set_contact(p->room, from)) return MODEL_NO_ANSWER;
     p->room->started = 1;
-    for (int k = 0; k < MODEL_CONTACTS; k++) p->state->gap[k] = p->room->slack[model_normal[k]];
+    for (int k = 0; k < MODEL_CONTACTS; k++) p->state->slip.gap[k] = p->room->slack[model_normal[k]];
     p->begun = 1;
     return MODEL_DONE;
 }
@@ -419,3 +653,4 @@ static inline int model_begin(model_path *p, const double *point, double *forces
     }
     return model_told(p, forces, outputs);
 }
+#endif

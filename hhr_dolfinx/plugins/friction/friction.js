@@ -1,11 +1,15 @@
 "use strict";
 /* Increments with friction, with one tangent per contact, or two in space: statuses and directions by a semi-smooth Newton
    method, as in contact.sliding_set in Python. If it does not converge, sweeps over single contacts improve the forces.
-   In space slip may turn: the force across it is an unknown, see contact/sliding_system.py. Needs model.js. */
+   In space slip may turn: the force across it is an unknown, see contact/sliding_system.py. Rigid motions q of bodies that
+   contact alone holds are unknowns too, slack = free slack + S x - G q and G^T x = driving; if that fails, weak springs
+   hold the bodies, as in contact.sliding_set. Needs model.js, and floating.js for such bodies; flow.js marches bodies
+   that flow, with the contact problem of an increment from here. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 6;
   const FEWEST = 4, CUTS = 12, SETTLED = 1e-3, WORK = 1e-3, APART = 1e-9;
+  const BALANCED = 1e-10, SINGULAR = 1e-8, HUGE = 1e9; // of bodies with rigid motions
   const SWEEPS = [10, 30, 100, 300, 1000, 3000];
   const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
@@ -50,10 +54,17 @@
     /* State after an increment to a point; null if it does not converge. */
     increment(before, point) {
       if (!this.model.possible(point)) return null;
-      const contact = this.model.contact(point), slack = contact.slack, given = this.bounds(point);
-      this.tangential.forEach((row, k) => { slack[row] -= before.position[k]; });
-      const found = this.settled(this.softened(contact.schur), slack, given, before.forces);
-      return found && this.after(before, { ...found, point, given, theta: contact.theta, energy: this.energy(contact.schur, found) });
+      const contact = this.model.contact(point), given = this.bounds(point), slack = this.slipped(contact.slack, before);
+      const schur = this.softened(contact.schur), driving = contact.driving ?? [];
+      const found = driving.length ? this.free(schur, slack, given, driving, before.forces) : this.settled(schur, slack, given, before.forces);
+      return found && { ...this.after(before, { ...found, point, given, energy: this.energy(contact.schur, found, driving) }),
+        theta: contact.theta, motions: found.motions, converged: true };
+    }
+
+    /* The slack less the positions of a state, in place. */
+    slipped(slack, { position }) {
+      this.tangential.forEach((row, k) => { slack[row] -= position[k]; });
+      return slack;
     }
 
     /* The same, in halves if necessary. */
@@ -130,14 +141,15 @@
     }
 
     /* Elastic energy of contact forces, with S without regularisation. */
-    energy(schur, { forces, pushed }) {
+    energy(schur, { forces, pushed, motions }, driving) {
+      const moved = driving.reduce((t, f, j) => t + f * motions[j], 0); // forces along the motions are the loads
       const soft = this.twice.reduce((t, row) => t + GIVES * schur[row * this.model.m + row] * forces[row] ** 2, 0);
-      return 0.5 * (forces.reduce((t, x, i) => t + x * pushed[i], 0) - soft);
+      return 0.5 * (forces.reduce((t, x, i) => t + x * pushed[i], 0) + moved - soft);
     }
 
     /* State after an increment: bounds and pressures along a slip are the means of both ends. */
-    after(before, { forces, slack, at, point, given, theta, energy }) {
-      const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, theta, energy, converged: true });
+    after(before, { forces, slack, at, point, given, energy }) {
+      const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, energy });
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
       tangential.forEach((row, k) => {
         state.position[k] = before.position[k] + slack[row];
@@ -172,40 +184,89 @@
       return found;
     }
 
-    settled(schur, slack, given, start) {
-      const m = this.model.m, stiffness = Float64Array.from(slack, (_, i) => 1 / Math.abs(schur[i * m + i]));
+    /* Forces that turn the slack of a row into one. */
+    stiffness(schur) {
+      const m = this.model.m, stiffness = Float64Array.from({ length: m }, (_, i) => 1 / Math.abs(schur[i * m + i]));
       // the same for both directions of a contact: the projection is on a disc
       for (const rows of this.along) { const own = Math.min(...rows.map((row) => stiffness[row])); rows.forEach((row) => { stiffness[row] = own; }); }
+      return stiffness;
+    }
+
+    settled(schur, slack, given, start) {
+      const stiffness = this.stiffness(schur);
       let found = null, forces = start;
       for (const sweeps of [0, ...SWEEPS]) {
         if (sweeps) forces = this.swept(schur, slack, given, stiffness, forces, sweeps);
-        for (const probe of PROBES) if ((found = this.newton(schur, slack, given, stiffness, forces, probe))) return found;
+        if ((found = this.probed(schur, slack, given, stiffness, forces))) return found;
       }
       return null;
     }
 
-    newton(schur, slack, given, stiffness, start, probe) {
-      const m = this.model.m, noise = ROUND_OFF * largest(slack.map((s, i) => stiffness[i] * s)), seen = new Set();
-      let forces = start, least = Infinity;
+    /* Newton's method, with one factor of the slip after another. */
+    probed(...problem) {
+      for (const probe of PROBES) {
+        const found = this.newton(probe, ...problem);
+        if (found) return found;
+      }
+      return null;
+    }
+
+    /* Bodies that contact alone holds: with the motions as unknowns, or on weak springs whose ends follow the motions. */
+    free(schur, slack, given, driving, start) {
+      const { floating } = this.model, stiffness = this.stiffness(schur), direct = (forces, ends) => this.probed(schur, slack, given, stiffness, forces, driving, ends);
+      let ends = driving.map(() => 0), forces = new Float64Array(slack.length), found = direct(start, ends);
+      if (found) return found;
+      const nothing = hhr.Floating.NOTHING * largest(slack) * largest(stiffness);
+      for (const weak of hhr.Floating.WEAKNESS) {
+        const { compliance, schur: held } = floating.sprung({ schur, slack, driving }, weak, ends); // S on these springs
+        for (let step = 0; step < hhr.Floating.MOST_STEPS; step++) {
+          const own = floating.sprung({ schur, slack, driving }, weak, ends).slack;
+          if (!(found = this.settled(held, own, given, forces))) return null;
+          ({ forces } = found);
+          const sides = floating.balance(forces, driving), most = Math.max(...sides.map(({ size }) => size));
+          ends = floating.drawn(ends, compliance, sides);
+          const again = direct(forces, ends);
+          if (again) return again;
+          if (sides.every(({ left }) => Math.abs(left) <= hhr.Floating.BALANCED * most + nothing)) {
+            const left = this.left(schur, slack, forces, ends);
+            return { ...found, motions: ends, pushed: left.map((s, i) => s - slack[i]) };
+          }
+        }
+      }
+      return null;
+    }
+
+    newton(probe, schur, slack, given, stiffness, start, driving = [], begin = []) {
+      const noise = ROUND_OFF * largest(slack.map((s, i) => stiffness[i] * s)), seen = new Set();
+      let forces = start, motions = begin, least = Infinity;
       for (let iteration = 0; iteration <= NEWTON; iteration++) {
-        const left = this.left(schur, slack, forces), at = this.projected(given, stiffness, forces, left, probe);
-        if (at.worst <= TOLERANCE * largest(forces) + noise) {
+        const left = this.left(schur, slack, forces, motions), at = this.projected(given, stiffness, forces, left, probe);
+        if (at.worst <= TOLERANCE * largest(forces) + noise && this.balanced(forces, driving)) {
           forces = forces.map((x, i) => (at.acting[i] ? x : 0));
-          return { forces, at, pushed: left.map((s, i) => s - slack[i]), slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
+          return { forces, at, motions, pushed: left.map((s, i) => s - slack[i]), slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
         }
         const key = at.acting.join("") + at.slips.join("") + at.limited.join("") + at.ways.map(Math.sign).join("");
         if (seen.has(key) && !(at.worst < 0.5 * least)) return null;
         seen.add(key);
         least = Math.min(least, at.worst);
-        forces = this.solved(schur, slack, given, stiffness, at);
-        if (!forces || !forces.every(Number.isFinite)) return null;
+        const next = this.system(schur, given, stiffness, at, driving.length)?.solved(slack, given.limit, driving);
+        if (!next || !next.forces.every(Number.isFinite)) return null;
+        ({ forces, motions } = next);
       }
       return null;
     }
 
-    left(schur, slack, forces) {
+    balanced(forces, driving) {
+      if (!driving.length) return true;
+      const sides = this.model.floating.balance(forces, driving), most = Math.max(...sides.map(({ size }) => size));
+      return sides.every(({ left }) => Math.abs(left) <= BALANCED * most);
+    }
+
+    /* Slack under forces and motions. */
+    left(schur, slack, forces, motions = []) {
       const m = this.model.m, found = Float64Array.from(slack);
       for (let j = 0; j < m; j++) if (forces[j] !== 0) for (let i = 0; i < m; i++) found[i] += schur[i * m + j] * forces[j];
+      if (motions.length) for (let i = 0; i < m; i++) found[i] -= this.model.floating.moved(i, motions);
       return found;
     }
 
@@ -241,34 +302,80 @@
       return size > bound ? bound / size : 1;
     }
 
-    /* Forces for given statuses; null if they are undetermined. A slipping force is proportional to its pressure, or at its
-       limit, and turns in space: (1 - s) α + s p c e·slack = 0 for the force α across, along e, with s = shrunk. */
-    solved(schur, slack, given, stiffness, { acting, slips, limited, ways, shrunk, probe }) {
-      const m = this.model.m, columns = [], place = new Int32Array(m).fill(-1), known = new Float64Array(m);
+    /* Derivative of the forces of an increment by its slack, at its statuses: a function of that of the slack; null if they are
+       undetermined. */
+    slopes(schur, given, { at }) {
+      const system = this.system(schur, given, this.stiffness(schur), at), none = given.limit.map(() => 0);
+      return system && ((slack) => system.solved(slack, none).forces);
+    }
+
+    /* The system of given statuses, factored, with some rigid motions; null if it is singular. A slipping force is proportional
+       to its pressure, or at its limit, and turns in space: (1 - s) α + s p c e·slack = 0 for the force α across, along e,
+       with s = shrunk. */
+    system(schur, given, stiffness, { acting, slips, limited, ways, shrunk, probe }, count = 0) {
+      const m = this.model.m, columns = [], place = new Int32Array(m).fill(-1), atLimit = [];
+      const unit = count ? this.model.floating.size : 1; // rows of slacks and of forces have one scale beside motions
       for (let i = 0; i < m; i++) if (acting[i] && !slips[i]) place[i] = columns.push({ parts: [[i, 1]], tests: [[i, 1]], own: 0 }) - 1;
       this.normal.forEach((normal, contact) => {
         const rows = this.along[contact].filter((row) => slips[row]), follows = place[normal];
         for (const row of rows) {
-          if (limited[row]) known[row] = ways[row] * given.limit[contact];
+          if (limited[row]) atLimit.push([row, contact, ways[row]]);
           else if (follows >= 0) columns[follows].parts.push([row, ways[row] * given.coefficient[contact]]);
         }
         if (rows.length !== 2) return;
         const across = [[rows[0], -ways[rows[1]]], [rows[1], ways[rows[0]]]], yields = shrunk[contact];
-        columns.push({ parts: across, tests: across.map(([row, e]) => [row, e * yields * probe * stiffness[row]]), own: 1 - yields });
+        columns.push({ parts: across, tests: across.map(([row, e]) => [row, unit * e * yields * probe * stiffness[row]]), own: unit * (1 - yields) });
       });
-      const n = columns.length, a = new Float64Array(n * n), x = new Float64Array(n), pushed = this.left(schur, slack, known);
+      const n = columns.length, size = n + count, a = new Float64Array(size * size);
       columns.forEach(({ tests, own }, r) => {
-        for (const [i, weight] of tests) {
-          x[r] -= weight * pushed[i];
-          columns.forEach(({ parts }, c) => { for (const [j, share] of parts) a[r * n + c] += weight * share * schur[i * m + j]; });
-        }
-        a[r * n + r] += own;
+        for (const [i, weight] of tests) columns.forEach(({ parts }, c) => {
+          for (const [j, share] of parts) a[r * size + c] += weight * share * schur[i * m + j];
+        });
+        a[r * size + r] += own;
       });
-      const pivots = new Int32Array(n), forces = known;
-      if (!hhr.factor(a, n, pivots)) return null;
-      hhr.solved(a, n, pivots, x);
+      if (count) this.border(a, columns, count);
+      const whole = count ? a.slice() : null, pivots = new Int32Array(size);
+      if (!hhr.factor(a, size, pivots)) return null;
+      const solved = (slack, limit, driving = []) => this.answer({ schur, slack, driving, known: this.known(atLimit, limit) }, { columns, a, whole, pivots });
+      return { solved };
+    }
+
+    /* Forces that slip at limits. */
+    known(atLimit, limit) {
+      const found = new Float64Array(this.model.m);
+      for (const [row, contact, way] of atLimit) found[row] = way * limit[contact];
+      return found;
+    }
+
+    /* Effect of rigid motions on the tested slacks, in their units, and the balance along them. */
+    border(a, columns, count) {
+      const { taken, units } = this.model.floating, n = columns.length, size = n + count;
+      for (let j = 0; j < count; j++) columns.forEach(({ parts, tests }, r) => {
+        for (const [i, weight] of tests) a[r * size + n + j] -= weight * taken[i * count + j] * units[j];
+        for (const [i, share] of parts) a[(n + j) * size + r] += share * taken[i * count + j] * units[j];
+      });
+    }
+
+    /* Forces and motions by a factored system; null if they are undetermined, which round-off hides. */
+    answer({ schur, slack, driving, known }, { columns, a, whole, pivots }) {
+      const n = columns.length, count = driving.length, x = new Float64Array(n + count), pushed = this.left(schur, slack, known);
+      columns.forEach(({ tests }, r) => { for (const [i, weight] of tests) x[r] -= weight * pushed[i]; });
+      for (let j = 0; j < count; j++) {
+        const { taken, units } = this.model.floating;
+        x[n + j] = units[j] * (driving[j] - known.reduce((t, force, i) => t + force * taken[i * count + j], 0));
+      }
+      const right = count ? x.slice() : null, forces = known;
+      hhr.solved(a, n + count, pivots, x);
+      if (count && !this.sound(whole, x, right)) return null;
       columns.forEach(({ parts }, c) => { for (const [row, share] of parts) forces[row] += share * x[c]; });
-      return forces;
+      return { forces, motions: driving.map((_, j) => x[n + j] * this.model.floating.units[j]) };
+    }
+
+    /* False for a solution that is round-off of a singular system, by its residual and its size. */
+    sound(whole, x, right) {
+      const n = x.length, most = largest(right), size = largest(x);
+      const left = right.map((value, i) => x.reduce((t, y, j) => t - whole[i * n + j] * y, value));
+      return largest(left) <= SINGULAR * most && this.model.floating.size * size <= HUGE * most;
     }
 
     /* Projections of single contacts, one after another. */

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -200,10 +201,13 @@ class CondensedEquilibrium(Histories):
     def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
         """See :class:`Equilibrium`; elastic forces change on their active conditions."""
         flow = self.flow
+        plastic: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
+        if self.law.remembers:  # P is 0: forces of elastic bodies depend on the path
+            return plastic
         elastic = self.elastic_forces(way.theta)
         unknown = np.concatenate([np.zeros(self.modes), elastic])
         changes, _ = self._equalities(elastic > 0, self.gaps_along(unknown, way))
-        found = flow.tested @ change.state.inelastic.T.ravel() + self._coupled @ changes
+        found = plastic + self._coupled @ changes
         if self.moduli:
             softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
             found -= softer @ (x[self.modes :] - elastic)
@@ -247,6 +251,33 @@ class _CondensedLinearisation:
         self._model = model
         self._tested = model.flowing(tangents)
         self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
+        self.held = nullcontext
+
+    @cached_property
+    def _per_force(self) -> np.ndarray:
+        """Corrections by contact forces, (ell, m)."""
+        model = self._model
+        per_force = (self._tested * model.scale) @ model.flow.per_force.T + model._coupled
+        return self._corrected(per_force)
+
+    def _corrected(self, residual: np.ndarray) -> np.ndarray:
+        """Corrections under a residual, (ell,) or (ell, K)."""
+        try:
+            return np.linalg.solve(self._plain, residual)
+        except np.linalg.LinAlgError as error:
+            raise NotSolvableError(f"the derivative of a step has no solution: {error}") from error
+
+    def schur(self) -> np.ndarray:
+        """S with the corrections that forces cause, (m, m)."""
+        return self._model.schur + self._model.flow.moved @ self._per_force
+
+    def solve(self, residual: np.ndarray) -> np.ndarray:
+        """Correction under a residual, and no forces, (ell + m,)."""
+        return np.concatenate([self._corrected(residual), np.zeros(self._model.conditions)])
+
+    def push(self, forces: np.ndarray) -> np.ndarray:
+        """The same less those under forces, (m,)."""
+        return np.concatenate([self._per_force @ forces, -forces])
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Slack of an unknown, gaps + S λ - B V g, or the change of it by changes."""

@@ -59,6 +59,10 @@ class Linearisation:
             found = contact.solved(self.equalities, slack, active, self.pairs)
         return free - self.push(found.forces), found
 
+    def schur(self) -> np.ndarray:
+        """S, (m, m)."""
+        return self.equalities.whole()
+
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Slack of an unknown, gaps - B x, or the change of it by changes."""
         return gaps - self.rows @ x

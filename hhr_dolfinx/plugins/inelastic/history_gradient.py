@@ -10,9 +10,10 @@ the step changes along (dx, ds, dμ). Both are exact: laws are differentiated as
 that each point is on in the step, see :mod:`plugins.inelastic.law_slopes`, and amplitudes and constants as formulas.
 Only laws that are code have differences.
 
-Statuses are those of the history. A derivative is one-sided where a condition is about to change its status, or where
-a point comes to a kink of its law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state
-follows from it. In a hold of constant load points stay on their yield surface, and no kink is near.
+Contacts whose law remembers have derivatives by their law, see :mod:`plugins.inelastic.contact_slopes`. Statuses are
+those of the history. A derivative is one-sided where a condition is about to change its status, or where a point comes
+to a kink of its law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state follows from
+it. In a hold of constant load points stay on their yield surface, and no kink is near.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.gradient import GRAZING, Gradient, grazing
+from hhr_dolfinx.models.gradient import GRAZING, Gradient
+from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactSlopes, slopes_of_contacts
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Way
 from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.law_slopes import STEP, Along, Inputs, slopes_of
@@ -58,8 +60,8 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
     Raises:
         ParameterError: for directions of another shape, or not finite.
         ConvergenceError: for a step whose end is not that of a single step, such as a step that was cut.
-        NotOfferedError: for a full model with a law whose tangents are not symmetric, and for a law that is code at
-            points that are about to yield.
+        NotOfferedError: for a full model with a law whose tangents are not symmetric, for a law that is code at
+            points that are about to yield, and for laws of contacts that have no derivatives.
         SingularError: if the tangent or the active conditions of a step are singular.
     """
     path = history.path
@@ -74,6 +76,7 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
     time = history.start
     # at rest they are zero too
     changes = State(*(np.repeat(part[..., None], along.shape[2], axis=-1) for part in state))
+    contacts = slopes_of_contacts(model, along.shape[2])
     gradients = []
     scale = 0.0
     before = 0
@@ -81,11 +84,13 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
         for number, answer in enumerate(history.answers, start=1):
             step = _Step(model, answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
-            found, changes = step.along(along[number], changes, scale)
+            found, changes = step.along(along[number], changes, scale, contacts)
             found = found._replace(kinks=found.kinks + before)
             gradients.append(found)
             before = found.kinks
-            if any(part.any() for part in changes):  # by a state without derivatives contact hands nothing on
+            if contacts.remembers or any(
+                part.any() for part in changes
+            ):  # by a state without derivatives contact hands nothing on
                 before += int(found.grazing.sum())
             state = gauss_of(answer).state
             time = answer.time
@@ -129,7 +134,9 @@ class _Step:
             )
         self._linear = self._there.linearised(update.tangents)
 
-    def along(self, directions: np.ndarray, before: State, scale: float) -> tuple[StepGradient, State]:
+    def along(
+        self, directions: np.ndarray, before: State, scale: float, contacts: ContactSlopes
+    ) -> tuple[StepGradient, State]:
         """Derivatives of the step, and of the state after it, along directions of the parameter, (P, K).
 
         ``before`` are derivatives of the state before the step, with K last, ``scale`` is the largest strain so far.
@@ -152,18 +159,17 @@ class _Step:
             return Along(strain, before, constants, STEP / np.where(rates > 0, rates, 1.0))
 
         first = slopes_of(self._material, self._inputs, along(strain))
-        columns = []
+        residuals = []
         for k, way in enumerate(ways):
             change = Update(first.stress[..., k], State(*(part[..., k] for part in first.state)), None)
-            residual = there.residual_along(x, change, way)
-            gaps = there.gaps_along(x, way)
-            dx, forces = self._linear.changed(residual, gaps, answer.active)
-            columns.append((dx, forces, self._linear.slack_of(gaps, dx)))
-        unknown, multipliers, slack = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+            residuals.append(there.residual_along(x, change, way))
+        right = np.stack(residuals, axis=1), np.stack([there.gaps_along(x, way) for way in ways], axis=1)
+        linear = self._linear
+        here = linear.slack_of(there.gaps(self._theta), x)
+        unknown, multipliers, slack, near = contacts.step(linear, answer, here, right, directions)
         moved = np.stack([there.strain_of(dx) for dx in unknown.T], axis=-1)
         after = slopes_of(self._material, self._inputs, along(strain + moved))
         at_kinks = (after.reach * parts <= NEAR).any(axis=1)
-        near = grazing(answer.active, answer.multipliers, self._linear.slack_of(there.gaps(self._theta), x))
         return StepGradient(unknown, multipliers, slack, near, int(at_kinks.sum())), after.state
 
     def _parts_of_box(self, directions: np.ndarray) -> np.ndarray:

@@ -98,11 +98,15 @@ def march(
     """
     check_settings(settings)
     check_elasticity(model.moduli, model.parameters.names, path)
-    if settings.gradient and model.law.remembers:
-        raise NotOfferedError(
-            f"derivatives of histories in which bodies flow and contacts have {model.law.name} are not built in: take "
-            "differences of answers"
-        )
+    if settings.gradient:
+        from hhr_dolfinx.plugins.inelastic.contact_slopes import slopes_of_contacts
+
+        slopes_of_contacts(model, 0)  # refuses laws of contacts without derivatives
+        if settings.limit and model.law.remembers:
+            raise NotOfferedError(
+                "derivatives of the limit of small increments are not built in where bodies flow: those of the "
+                "increments are exact, MarchSettings(gradient=True)"
+            )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     with left_with(history):
         try:

@@ -41,6 +41,9 @@ def check_model(model: object, what: str = "a page") -> None:
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
         check_flow(model, what)
+        law: ContactLaw = model.law  # type: ignore[attr-defined]
+        if law.plugin:
+            page_of(law, what)
         return
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
@@ -51,11 +54,6 @@ def check_model(model: object, what: str = "a page") -> None:
             "Call hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.law.plugin:
-        if model.eliminated.keeps_kernel:
-            raise NotOfferedError(
-                f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them "
-                "by a displacement"
-            )
         page_of(model.law, what)
     eliminated: Any = model.eliminated
     if interpolates(model) and not eliminated.symmetric:

@@ -1,7 +1,8 @@
 "use strict";
 /* Histories of inelastic bodies: plastic corrections g and all contact forces of an increment, by Newton's method with a
    line search, as in inelastic.condensed_step in Python. The arrays are described in
-   inelastic.condensed_flow; strains and memory are stored component by component. Needs programs.js. */
+   inelastic.condensed_flow; strains and memory are stored component by component. Contacts that rub are those of friction.js,
+   as in friction.rubbing_flow: each correction has an increment of friction. Needs programs.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;
@@ -13,7 +14,8 @@
   class Flowing {
     constructor(model) {
       const { flow } = model.tree, own = (name) => model.arrays[flow[name]];
-      Object.assign(this, { model, flow, m: model.m, fixed: flow.fixed, moduli: null, tangent: null });
+      const rubs = model.tree.friction ? new hhr.Sliding(model) : null;
+      Object.assign(this, { model, flow, m: model.m, fixed: flow.fixed, moduli: null, tangent: null, rubs });
       for (const name of ["per_mode", "per_force", "forced", "given", "moved", "modal", "coupled", "pressed", "gaps", "parts", "mode_parts"]) this[name] = own(name);
       this.ell = this.per_mode.shape[0];
       this.points = this.parts.length;
@@ -96,7 +98,7 @@
 
     /* Undeformed bodies at a point, without plastic strain. */
     rest(point) {
-      return this.remembering({ point, time: 0, correction: new Float64Array(this.ell), forces: new Float64Array(this.m),
+      return this.remembering({ ...this.rubs?.blank(point), point, time: 0, correction: new Float64Array(this.ell), forces: new Float64Array(this.m),
         memory: new Float64Array(this.rows * this.points), active: new Uint8Array(this.m), elastic: null, largest: 0 });
     }
 
@@ -141,11 +143,35 @@
       const theta = this.model.theta(point), elasticity = this.elasticity(point), constants = this.constants(point);
       if (!constants || !this.model.possible(point)) return null;
       const load = { theta, ...elasticity, constants, dt, before, slack: this.slack(theta, elasticity), strain: this.strain(theta, elasticity) };
-      const elastic = this.model.touched({ schur: load.schur, slack: load.slack }, before.elastic);
-      if (!elastic) return null;
-      load.elastic = elastic.forces;
-      const found = this.newton(load, before.correction, before.active);
-      return found && this.small(found.strain) && this.remembering({ point, time: before.time + dt, theta, gives: elasticity.gives, elastic: elastic.active, converged: true, ...found });
+      const elastic = this.ready(load, point);
+      const found = elastic && this.newton(load, before.correction, before);
+      return found && this.small(found.strain) && this.remembering({ ...this.rubbed(load, point, found), point, time: before.time + dt, theta,
+        gives: elasticity.gives, elastic: elastic.active, converged: true, ...found });
+    }
+
+    /* What a contact problem of an increment takes: forces of elastic bodies, by which the cubature is corrected, or, where
+       contacts rub and forces depend on the path, laws of friction at a point and slacks less what has slipped. */
+    ready(load, point) {
+      if (!this.rubs) {
+        const elastic = this.model.touched({ schur: load.schur, slack: load.slack }, load.before.elastic);
+        load.elastic = elastic?.forces;
+        return elastic;
+      }
+      Object.assign(load, { given: this.rubs.bounds(point), softened: this.rubs.softened(load.schur), elastic: new Float64Array(this.m) });
+      this.rubs.slipped(load.slack, load.before);
+      return { active: null };
+    }
+
+    /* The contact problem under a slack, from the forces and statuses of a trial or a state. */
+    touched(load, slack, { active, forces }) {
+      if (!this.rubs) return this.model.touched({ schur: load.schur, slack }, active);
+      const found = slack.every(Number.isFinite) && this.rubs.settled(load.softened, slack, load.given, forces);
+      return found && { forces: found.forces, slack: found.slack, active: found.at.acting, rubbing: found };
+    }
+
+    /* State of contacts that rub after an increment. */
+    rubbed({ before, given, schur }, point, { rubbing }) {
+      return rubbing && this.rubs.after(before, { ...rubbing, point, given, energy: this.rubs.energy(schur, rubbing, []) });
     }
 
     /* True if strains are small enough for the theory of small strains. */
@@ -177,8 +203,8 @@
     }
 
     /* The correction of an increment and all that follows from it; null without convergence. */
-    newton(load, start, active) {
-      let here = this.tried(load, start, active), largest = load.before.largest;
+    newton(load, start, before) {
+      let here = this.tried(load, start, before), largest = load.before.largest;
       if (!here) return null;
       largest = Math.max(largest, (ROUND_OFF * this.weight * norm(here.strain)) / TOLERANCE);
       for (let iteration = 0; iteration < NEWTON; iteration++) {
@@ -195,7 +221,7 @@
     /* A step with the cached matrix, if it decreases the residual enough. */
     quick(load, here) {
       if (!this.tangent) return null;
-      const next = this.tried(load, this.stepped(here, 1), here.active);
+      const next = this.tried(load, this.stepped(here, 1), here);
       return next && next.merit <= QUICK * here.merit ? next : null;
     }
 
@@ -203,7 +229,7 @@
     careful(load, here) {
       this.tangent = this.linearised(load, here);
       for (let share = 1; this.tangent && share >= LEAST; share /= 2) {
-        const next = this.tried(load, this.stepped(here, share), here.active);
+        const next = this.tried(load, this.stepped(here, share), here);
         if (next && next.merit <= (1 - DECREASE * share) * here.merit) return next;
       }
       this.tangent = null;
@@ -219,7 +245,7 @@
     tried(load, correction, start) {
       const { ell, m, size, points } = this, slack = Float64Array.from(load.slack), strain = Float64Array.from(load.strain);
       for (let i = 0; i < m; i++) for (let j = 0; j < ell; j++) slack[i] -= this.moved[i * ell + j] * correction[j];
-      const contact = this.model.touched({ schur: load.schur, slack }, start);
+      const contact = this.touched(load, slack, start);
       if (!contact) return null;
       const pushed = new Float64Array(size);
       contact.forces.forEach((force, i) => { if (force !== 0) for (let k = 0; k < size; k++) pushed[k] += force * this.per_force[i * size + k]; });
@@ -237,19 +263,32 @@
       return Number.isFinite(merit) ? { correction, strain, memory, residual, merit, ...contact } : null;
     }
 
-    /* Newton's matrix, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, with W = S_AA^-1 (B V)_A. */
-    linearised(load, here) {
+    /* Derivatives of the forces of some conditions, on, by the corrections, on their statuses: W = S_AA^-1 (B V)_A, or those of
+       an increment with friction; null if they are undetermined. */
+    pushes(load, { active, rubbing }) {
       const { ell, m } = this, on = [];
-      here.active.forEach((is, i) => { if (is) on.push(i); });
-      const n = on.length, inner = new Float64Array(n * n), pivots = new Int32Array(n);
+      active.forEach((is, i) => { if (is) on.push(i); });
+      const n = on.length, modes = [...Array(ell).keys()];
+      if (rubbing) {
+        const along = this.rubs.slopes(load.softened, load.given, rubbing);
+        const columns = along && modes.map((j) => along(Float64Array.from({ length: m }, (_, i) => -this.moved[i * ell + j])));
+        return columns && { on, columns: columns.map((column) => Float64Array.from(on, (i) => column[i])) };
+      }
+      const inner = new Float64Array(n * n), pivots = new Int32Array(n);
       on.forEach((i, a) => on.forEach((j, b) => { inner[a * n + b] = load.schur[i * m + j]; }));
       if (n && !hhr.factor(inner, n, pivots)) return null;
-      const jacobian = Float64Array.from(this.modal), columns = [];
-      for (let j = 0; j < ell; j++) {
-        const column = Float64Array.from(on, (i) => this.moved[i * ell + j]);
-        columns.push(n ? hhr.solved(inner, n, pivots, column) : column);
+      const columns = modes.map((j) => Float64Array.from(on, (i) => this.moved[i * ell + j]));
+      return { on, columns: columns.map((column) => (n ? hhr.solved(inner, n, pivots, column) : column)) };
+    }
+
+    /* Newton's matrix, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W. */
+    linearised(load, here) {
+      const { ell, m } = this, pushes = this.pushes(load, here);
+      if (!pushes) return null;
+      const { on, columns } = pushes, jacobian = Float64Array.from(this.modal);
+      columns.forEach((column, j) => {
         on.forEach((i, a) => { for (let row = 0; row < ell; row++) jacobian[row * ell + j] += load.coupled[row * m + i] * column[a]; });
-      }
+      });
       this.flowOf(load, here, on, columns, jacobian);
       const order = new Int32Array(ell);
       return hhr.factor(jacobian, ell, order) && jacobian.every(Number.isFinite) ? { jacobian, order } : null;

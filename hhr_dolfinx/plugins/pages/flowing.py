@@ -1,7 +1,8 @@
 """Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and pictures of an answer.
 
 ``flow.js`` solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
-contact problem for each correction, and Newton's method on both.
+contact problem for each correction, and Newton's method on both. Where contacts rub, that is an increment of friction,
+see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
 """
 
 from __future__ import annotations
@@ -41,15 +42,11 @@ once."""
 
 
 def check_flow(model: object, what: str = "a page") -> None:
-    """Raise NotOfferedError for models that are not condensed, and friction."""
+    """Raise NotOfferedError for models that are not condensed."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
             "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
-        )
-    if model.law.plugin:
-        raise NotOfferedError(
-            f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
 
 
@@ -129,12 +126,14 @@ def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Any]:
 
 
 def fixed(model: CondensedFlowModel) -> list[int]:
-    """Indices of parameters that are constant in a history: of moduli, and of law constants that no load depends on."""
+    """Indices of parameters that are constant in a history: of moduli, of law constants that no load depends on, and of
+    laws of contacts."""
     names = model.parameters.names
     moduli = {name for modulus in model.flow.factors.moduli for name in formula_of(modulus.factor, "young").variables}
     constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
     loads = {names[place] for place in _axes(model.fields.amplitudes, names)}
-    return [place for place, name in enumerate(names) if name in moduli | (constants - loads)]
+    rubs = {names[place] for place in model.law.fixed.tolist()} if model.law.plugin else set()
+    return [place for place, name in enumerate(names) if name in moduli | (constants - loads) | rubs]
 
 
 def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:

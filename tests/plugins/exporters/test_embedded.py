@@ -250,8 +250,6 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
 
 @needs("floating", "friction")
 def test_other_models_are_refused_by_name(monkeypatch):
-    with pytest.raises(NotOfferedError, match="contact alone holds without friction"):
-        c_header.c_header(hhr.condense(contract.blocks(free=True, friction=0.1)), "press")
     with pytest.raises(NotOfferedError, match="FullOrderModel"):
         c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
     model = hhr.condense(contract.blocks())
@@ -367,8 +365,9 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 #else
         for (int i = 0, c = PRESS_CONTACTS; i < c && !status; i++) {
             double *slip = reached + ((k - 1) * c + i) * 3;
-            slip[0] = path->state->slipped[i], slip[1] = path->state->work[i], slip[2] = path->state->wear[i];
-            statuses[(k - 1) * c + i] = path->state->statuses[i];
+            const press_slip *known = &path->state->slip;
+            slip[0] = known->slipped[i], slip[1] = known->work[i], slip[2] = known->wear[i];
+            statuses[(k - 1) * c + i] = known->statuses[i];
         }
 #endif
     }
@@ -410,7 +409,8 @@ def marched(model, path):
 def increments(folder, model):
     """The functions above, and arrays for nine steps: forces, outputs, slip or cumulated strain, and statuses."""
     contacts = model.law.normal.size if model.law.plugin else 0
-    reached = (contacts, 3) if contacts else (len(model.flow.parts),)
+    flows = getattr(model, "flow", None)
+    reached = (contacts, 3) if flows is None else (len(flows.parts),)
     room = [np.zeros((9, *shape)) for shape in ((model.conditions,), (len(outputs_of(model)),), reached)]
     return built(folder, model, STEPPED), [*room, np.zeros((9, contacts), dtype=np.int32)]
 
@@ -436,6 +436,59 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
         exact = model.solve(point)
         scale = np.abs(exact.multipliers).max()
         np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
+
+
+@needs("friction", "floating")
+@compiled
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path):
+    """On springs at the first load, and with motions as unknowns; an output reads the motions."""
+    from test_rubbing_pages import held, loads_of
+
+    model = held(dimension)[0]
+    path = loads_of(model)
+    made, room = increments(tmp_path, model)
+    assert made.ask(len(path), *at(np.array(path), *room)) == DONE
+    forces, outputs, slips, statuses = room
+    answers = marched(model, path).answers
+    largest = max(np.abs(answer.multipliers).max() for answer in answers)
+    for k, answer in enumerate(answers):
+        found = dict(zip(("path", "work", "wear"), slips[k].T, strict=True))
+        check_increment(found | {"forces": forces[k], "outputs": outputs[k], "statuses": statuses[k]}, answer, largest)
+    assert {1, 2} <= set(statuses.ravel().tolist())
+    # loads that friction does not bear have no answer, and those before have one again
+    lost = np.array([path[0], path[1], [path[1][0], 0.009, *path[1][2:]]])
+    assert made.ask(3, *at(lost, *room)) == NO_ANSWER
+    assert made.begin(*at(path[2], forces, outputs)) == DONE
+    exact = model.solve(path[2]).multipliers
+    assert np.linalg.norm(forces[0] - exact) < 1e-8 * np.linalg.norm(exact)
+
+
+@needs("friction", "inelastic")
+@compiled
+@pytest.mark.parametrize("name", ["in the plane", "in space", "creep"])
+def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
+    """Both march with the same residual, to 1e-11 of the correction; a law changes with no increment."""
+    from test_rubbing_pages import EXACT, rubbing_flow, tour
+
+    model = rubbing_flow(name)[0]
+    path = tour(model, 0.9)
+    made, room = increments(tmp_path, model)
+    assert made.ask(len(path), *at(np.array(path), *room)) == DONE
+    forces, told, cumulated, _ = room
+    answers = model.march(list(enumerate(path)), EXACT).answers
+    largest = max(np.abs(answer.multipliers).max() for answer in answers)
+    flowed = max(answer.state().state.cumulated.max() for answer in answers)
+    assert flowed > 1e-3
+    for k, answer in enumerate(answers):
+        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-8 * largest)
+        np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-8 * flowed)
+        known = [answer.outputs()[output] for output in outputs_of(model)]
+        np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
+    if name != "in space":
+        points = np.array(path[:3])
+        points[2, 2] += 0.1
+        assert made.ask(3, *at(points, *room)) == CHANGED
 
 
 LAST_LAWS = "infinite slope", "plane stress"

@@ -407,9 +407,6 @@ def test_a_name_is_no_marker_and_ends_no_script():
     assert data_of(text)["tree"]["outputs"][0]["unit"] == peak.unit
 
 
-HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.1))  # noqa: E731
-
-
 @needs("floating")
 @pytest.mark.parametrize(
     ("make", "said"),
@@ -423,7 +420,6 @@ HELD_BY_FRICTION = lambda _: hhr.condense(contract.blocks(free=True, friction=0.
             "LocalModels",
             marks=needs("local"),
         ),
-        pytest.param(HELD_BY_FRICTION, "contact alone holds without friction", marks=needs("friction")),
     ],
 )
 def test_models_of_other_kinds_are_refused_by_name(make, said):
@@ -632,12 +628,12 @@ def tour_of(model):
     return [np.array([*point, *model.parameters.middle[2:]]) for point in TOUR]
 
 
-def check_increment(found, answer, largest):
-    """What a page or C finds in an increment with friction, beside Python."""
-    np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
+def check_increment(found, answer, largest, off=1e-10):
+    """What a page or C finds in an increment with friction, beside Python; forces are ``off`` at most."""
+    np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=off * largest)
     for kind in {"position", "path", "work", "wear"} & found.keys():
         known = getattr(answer.slip, kind)
-        np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6))
+        np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=off * max(np.abs(known).max(), 1e-6))
     assert list(found["statuses"]) == answer.slip.statuses.tolist()
     np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
 

@@ -1,0 +1,79 @@
+"""Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of bodies that flow, step by step.
+
+See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its unknown is
+eliminated, and contact forces solve an increment of friction on S = B K_T^-1 B^T. Their derivative is that of this
+increment at its statuses, under the derivative of the slack and of the bounds. Slip hands on the derivative of the
+position at which contacts stick: the slack of an increment is measured from there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import Surface
+from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, Eliminated, columnwise
+
+NOTHING = np.zeros(0)
+
+
+class FlowSlopes:
+    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of an equilibrium."""
+
+    def __init__(self, model: Any, count: int):
+        self._friction = model.law
+        self._surface = Surface.of(model)
+        self._slip = SlipState.at_rest(self._surface.whole)
+        self._position = np.zeros((self._friction.tangential.size, count))  # its derivatives, (T, K)
+
+    @property
+    def remembers(self) -> bool:
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        return bool(self._position.any())
+
+    def step(
+        self,
+        linear: Eliminated,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
+    ) -> ContactChange:
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        with linear.held():
+            return self._step(linear, answer, slack, right, way)
+
+    def _step(
+        self,
+        linear: Eliminated,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
+    ) -> ContactChange:
+        friction = self._friction
+        rows = friction.tangential
+        residual, gaps = right
+        contact = SlidingContact(linear.schur(), friction)
+        slack = slack.copy()
+        slack[rows] -= self._surface.position(self._slip)
+        slack[answer.active] = 0.0
+        forces = answer.multipliers
+        found = Sliding(forces, answer.active, slack, NOTHING, 0, 0, Status.CONVERGED)
+        coefficients, limits = friction.bounds(answer.parameter)
+        given = Increment(slack - contact.schur @ forces, coefficients, limits, NOTHING)
+        free = columnwise(linear.solve, residual)
+        opened = linear.slack_of(gaps, free)
+        opened[rows] -= self._position
+        coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
+        pushed, _ = contact.changes(given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1])))
+        opened = opened + contact.schur @ pushed
+        opened[answer.active] = 0.0
+        self._position = self._position + opened[rows]  # none where contacts stick
+        self._slip = answer.memory[SLIP]
+        return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, contact.grazing(given, found))

@@ -1,0 +1,102 @@
+"""Derivatives of contacts in histories of bodies that flow: by a law of interfaces, and of unilateral contact.
+
+A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and the number of directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx import registry
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.gradient import grazing
+
+
+class ContactChange(NamedTuple):
+    """Derivatives of a step along K directions."""
+
+    unknown: np.ndarray  # (n, K)
+    forces: np.ndarray  # (m, K)
+    slack: np.ndarray  # (m, K); of tangential rows that of the slip of the step
+    grazing: np.ndarray  # conditions about to change their status, (m,) bool
+
+
+class Eliminated(Protocol):
+    """Linearisation of a step, from which its unknown is eliminated."""
+
+    def held(self) -> AbstractContextManager:
+        """Keeps its factors meanwhile."""
+
+    def schur(self) -> np.ndarray:
+        """S of the contact rows, (m, m)."""
+
+    def solve(self, residual: np.ndarray) -> np.ndarray:
+        """The unknown under a residual, without contact forces, (n,)."""
+
+    def push(self, forces: np.ndarray) -> np.ndarray:
+        """The unknown less that under contact forces, (m,): (n,)."""
+
+    def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Slack of an unknown, (m, K), by gaps and unknowns, (n, K)."""
+
+
+class ContactSlopes(Protocol):
+    """Derivatives of the contacts of one history, step by step."""
+
+    @property
+    def remembers(self) -> bool:
+        """True if the memory of contacts has derivatives so far, which it hands on."""
+
+    def step(
+        self, linear: Any, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+    ) -> ContactChange:
+        """Derivatives of the next step.
+
+        Args:
+            linear: linearisation of the step, see :class:`Eliminated`.
+            answer: of the step.
+            slack: of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+
+        Raises:
+            NotSolvableError: if the step has no derivative.
+        """
+
+
+class Unilateral:
+    """Unilateral contact, which remembers nothing."""
+
+    remembers = False
+
+    def step(
+        self, linear: Any, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+    ) -> ContactChange:
+        """See :class:`ContactSlopes`."""
+        columns = []
+        for residual, gaps in zip(*(part.T for part in right), strict=True):
+            dx, forces = linear.changed(residual, gaps, answer.active)
+            columns.append((dx, forces, linear.slack_of(gaps, dx)))
+        unknown, pushed, opened = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        return ContactChange(unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack))
+
+
+def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
+    """Derivatives of the contacts of a history of an equilibrium along some directions.
+
+    NotOfferedError if the law of its contacts has none.
+    """
+    if not model.law.remembers:
+        return Unilateral()
+    what = f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
+    found: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", what)(model, count)
+    return found
+
+
+def columnwise(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
+    """A function of vectors for columns, (m, K): (n, K)."""
+    return np.stack([function(np.ascontiguousarray(column)) for column in values.T], axis=1)
