@@ -20,7 +20,6 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
@@ -283,12 +282,12 @@ def idle_contacts(schur: np.ndarray) -> np.ndarray:
 
 
 def layout(
-    pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int, others: ContactLaw
+    pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int, others: Friction
 ) -> Friction:
     """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of pressures.
 
-    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The law of the pairs that do not
-    slide, whose rows come first, is unilateral or has the contacts that follow these.
+    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The rows of the pairs that do not
+    slide come first, but their contacts, if ``others`` has any, follow.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
     count = sum(counts)
@@ -301,7 +300,14 @@ def layout(
         kept + np.arange(count), areas, np.zeros(count), law, kept + count + np.arange(owner.size), owner,
         np.zeros((owner.size, dim)), tuple(laws), fixed, nothing, nothing,
     )  # fmt: skip
-    return followed(own, others) if isinstance(others, Friction) else own
+    return followed(own, others)
+
+
+def no_friction(dim: int) -> Friction:
+    """Friction of no contact."""
+    nothing = np.zeros(0, dtype=np.int64)
+    reals = np.zeros(0)
+    return Friction(nothing, reals, reals, nothing, nothing, nothing, np.zeros((0, dim)), (), nothing, nothing, nothing)
 
 
 def followed(one: Friction, other: Friction) -> Friction:

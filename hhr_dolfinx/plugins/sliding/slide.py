@@ -17,7 +17,7 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, OfContact, Output
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.surface import CREASE, Surface
-from hhr_dolfinx.plugins.friction.laws import FrictionLaw
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
@@ -32,7 +32,7 @@ from hhr_dolfinx.warn import ignored
 REPEATED = NodeToSurface, Mortar
 """Pairings that can be computed again as bodies slide."""
 OUTPUTS = (ContactForce, DisplacementAt, LinearForm)
-"""Outputs that do not depend on the position of the surfaces, as stresses do not."""
+"""Outputs that do not depend on the position of the surfaces, as stresses and the energy do not."""
 TWO_PASSES = (
     ": while surfaces slide, nodes of one pass those of the other, and there the rows of both passes become dependent, "
     "so that pressures, and friction with them, have no single value. Take NodeToSurface or Mortar, whose rows stay "
@@ -83,7 +83,9 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
         base = exact_condensation(full, nothing, field=False)
     fixed = np.array([k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64)
-    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size, problem.law))
+    others = problem.law
+    assert isinstance(others, Friction)
+    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size, others))
 
 
 def _slides(item: Pairing) -> bool:
@@ -140,7 +142,7 @@ def _check_output(scene: Scene, output: Output) -> None:
         if not _slides(scene.contacts[output.contact]):
             return
     places = registry.named("public")
-    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises",) if name in places))
+    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places))
     if not isinstance(output, kinds):
         names = ", ".join(kind.__name__ for kind in kinds)
         raise SceneError(

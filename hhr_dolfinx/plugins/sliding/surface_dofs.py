@@ -9,14 +9,14 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
-from hhr_dolfinx.plugins.sliding.repairing import nodes_of
+from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class SurfacesThatSlide(Discretisation):
     """Finite element model whose last rows are those of :class:`SurfaceDofs`, which are no conditions.
 
     All of them are kept, also those of imposed dofs, and of dofs that constraints make one: the displacement of a
-    surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it.
+    surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it. Their law remembers, since positions do.
     """
 
     def conditions(
@@ -47,12 +47,14 @@ class SurfacesThatSlide(Discretisation):
         slide = np.array([isinstance(item, SurfaceDofs) for item in self.scene.contacts])[pairs]
         dofs = rows.take(np.flatnonzero(slide))
         moved = -(dofs.matrix @ eliminated.prolongation.lifts).toarray()  # openings add to gaps of pairs, not of dofs
+        without = no_friction(rows.points.shape[1])
         if slide.all():
-            return dofs, pairs, moved, UNILATERAL, None
+            return dofs, pairs, moved, without, None
         kept = np.flatnonzero(~slide)
         found, of_pairs, gaps, law, shares = super().conditions(
             rows.take(kept), pairs[kept], opened[kept], eliminated, amplitudes
         )
+        law = law if law.remembers else without
         return joined([found, dofs]), np.concatenate([of_pairs, pairs[slide]]), np.vstack([gaps, moved]), law, shares
 
 
