@@ -140,7 +140,7 @@ class Discretisation(DiscreteSpace):
         eliminated = replace(eliminated, prolongation=eliminated.prolongation.lifted(lifts))
         prolongation = eliminated.prolongation
         added = self.terms.columns("gaps", rows.gap.size).toarray()
-        rows, pairs, gaps, law, shares = self._conditions(rows, pairs, added, eliminated, amplitudes)
+        rows, pairs, gaps, law, shares = self.conditions(rows, pairs, added, eliminated, amplitudes)
         # K of a constant scene has no round-off of rigid motions to lose
         pull = strained if moduli or scene.constraints else csr_matrix.__matmul__
         return ContactProblem(
@@ -167,7 +167,7 @@ class Discretisation(DiscreteSpace):
             group=self.group,
         )
 
-    def _conditions(
+    def conditions(
         self,
         rows: ContactRows,
         pairs: np.ndarray,

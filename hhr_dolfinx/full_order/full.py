@@ -63,6 +63,7 @@ class FullOrderModel(FullModel):
     unbounded = "the full model has no reduction error"
 
     trained = None  # no training range
+    discretised: type[Discretisation] = Discretisation
     scene: Scene
     system: System
 
@@ -78,7 +79,7 @@ class FullOrderModel(FullModel):
                 self._factor(given.discretisation, given.stiffness, given.moduli)
                 self.equilibrium = given.equilibrium(self)
             else:
-                discretisation = Discretisation(scene, comm)
+                discretisation = self.discretised(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals = None
             if scene.outputs:

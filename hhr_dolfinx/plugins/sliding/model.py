@@ -29,9 +29,10 @@ ADVICE = {
 class SlidingModel(KeptModel):
     """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.plugins.sliding.repairing`.
 
-    Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``. Its ``slip`` has
-    pressures, slip, wear and sticking of the slave nodes, which are the contacts of its law, pair by pair. The ``base``
-    is full or condensed, with a row for each dof of the surfaces.
+    Forces of an answer, and its ``multipliers``, are those of the pairs that do not slide, if there are any, followed
+    by nodal ones on all dofs of the surfaces that slide. Its ``slip`` has pressures, slip, wear and sticking of the
+    slave nodes, pair by pair, followed by other contacts with friction. The ``base`` is full or condensed, with the
+    conditions of the pairs that do not slide, and a row for each dof of the surfaces.
     """
 
     kept = ("base", "pairs", "law")
@@ -53,13 +54,17 @@ class SlidingModel(KeptModel):
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: contacts that are no slave nodes, and pairs that do not fit the base; the base reports its faults."""
-        contacts = np.arange(sum(pair.slave.nodes.size for pair in self.pairs))
-        along = self.dimension - 1
-        if not np.array_equal(self.law.normal, contacts) or not np.array_equal(
-            self.law.tangential, contacts.size + np.arange(along * contacts.size)
+        contacts = sum(pair.slave.nodes.size for pair in self.pairs)
+        along = contacts * (self.dimension - 1)
+        first = kept = self.pairs[0].first
+        normal, others = np.split(self.law.normal, [contacts])
+        tangential, further = np.split(self.law.tangential, [along])
+        if not (
+            np.array_equal(normal, kept + np.arange(contacts))
+            and np.array_equal(tangential, kept + contacts + np.arange(along))
+            and np.concatenate([others, further]).max(initial=-1) < kept
         ):
             yield "its contacts are not the slave nodes of its pairs"
-        first = 0
         for pair in self.pairs:
             if pair.first != first or pair.slave.points.shape[1] != self.dimension:
                 yield "dofs of its pairs are not the rows of its base"
@@ -81,8 +86,15 @@ class SlidingModel(KeptModel):
         self.base.check_range(point, outside)
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Pressure forces of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
-        return np.full(self.law.normal.size, np.nan) if "slip" not in answer.memory else answer.slip.pressure
+        """Pressure forces of the slave nodes, (C,), followed by those of the pairs that do not slide.
+
+        Forces of an answer have all directions, on both surfaces.
+        """
+        contacts = sum(pair.slave.nodes.size for pair in self.pairs)
+        others = np.flatnonzero(self.law.pressing(self.pairs[0].first))
+        if "slip" not in answer.memory:
+            return np.full(contacts + others.size, np.nan)
+        return np.concatenate([answer.slip.pressure[:contacts], answer.multipliers[others]])
 
     def increments(self, settings: MarchSettings) -> RepairingSlider:
         """See :class:`AnsweringModel`; without derivatives."""
@@ -100,5 +112,5 @@ class SlidingModel(KeptModel):
         return np.nan
 
     def slave_points(self) -> np.ndarray:
-        """Coordinates of its contacts as meshed, (C, dim)."""
+        """Coordinates of the slave nodes of its pairs as meshed, (C, dim)."""
         return np.concatenate([pair.slave.points for pair in self.pairs])

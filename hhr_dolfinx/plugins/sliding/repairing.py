@@ -14,17 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
+from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface, area_vectors
+from hhr_dolfinx.pairings.surface import Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
@@ -41,22 +42,12 @@ EXACTLY = 1e-7
 """The same if increments are cut by their errors: the error of pairing should be negligible."""
 FAR = 0.1
 """Part of the smallest facet by which pairings that do not converge may differ: gaps differ by its square."""
+NO_EFFECT = 1e-9
+"""Part of the compliance of a contact below which that of its slip, or of its difference to another one, is none."""
+IMPOSED = 1e-14
+"""Part of the largest compliance below which that of a contact is none: of a stiff body it may be as small as 1e-9."""
 APART = 10.0
 """Gap of nodes that face no surface, in sizes of the surfaces."""
-
-
-@dataclass(frozen=True)
-class SurfaceDofs(SlaveAndMaster):
-    """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions."""
-
-    def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each component of the displacement of each node, in the order of the nodes."""
-        nodes, points = nodes_of(surfaces)
-        dim = points.shape[1]
-        own = (nodes[:, None] * dim + np.arange(dim)).ravel()
-        matrix = csr_matrix((np.ones(own.size), (np.arange(own.size), own)), shape=(own.size, dofs))
-        nothing = np.zeros(own.size)
-        return ContactRows(matrix, nothing, np.repeat(nodes, dim), np.repeat(points, dim, axis=0), nothing)
 
 
 def nodes_of(surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
@@ -84,13 +75,18 @@ def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
 
 @dataclass(frozen=True, eq=False)
 class SlidingPair:
-    """Two surfaces that are paired again in each increment."""
+    """Two surfaces that are paired again in each increment.
+
+    The gap at a slave node is that of its position, less its ``clearance``, plus ``opening[0] + opening[1:]·mu``.
+    """
 
     pairing: NodeToSurface | Mortar  # gives each node of the slave at most one row
     slave: Surface
     master: Surface  # as they are meshed, with common node numbers
     first: int  # index of the first dof of the pair among all rows of its model
     nodes: int  # number of nodes of both
+    clearance: Annotated[Floats, "slave nodes"]  # gap as meshed if an opening overwrites it, else zeros
+    opening: Annotated[Floats, "opening"]  # sum of the openings, a constant and a slope for each parameter, (1 + P,)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: surfaces whose nodes are not among those of both."""
@@ -99,37 +95,49 @@ class SlidingPair:
                 yield f"nodes of surface {surface.tag} are not among the {self.nodes} of its pair"
             if np.any(np.diff(surface.nodes) <= 0) or not surface.facets.size:
                 yield f"nodes of surface {surface.tag} are not in order, or it has no facets"
+        slopes = self.opening.size - 1
+        if self.clearance.size != self.slave.nodes.size or slopes != sizes.get("P", slopes):
+            yield "its openings are not those of its slave nodes and parameters"
 
-    def rows(self, displacement: np.ndarray, before: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
+    def opened(self, point: np.ndarray) -> np.ndarray:
+        """What openings add to the gap of each slave node at a point, (P,)."""
+        return self.opening[0] + self.opening[1:] @ point - self.clearance
+
+    def rows(
+        self, displacement: np.ndarray, before: np.ndarray, opened: np.ndarray
+    ) -> tuple[ContactRows | None, np.ndarray]:
         """Rows at the displaced nodes, (nodes, dim), and the number of the slave node of each.
 
-        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim). So any overlap
-        is at most the motion since then, however thin the cells are.
+        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim), by more than is
+        ``opened`` between them. So any overlap is at most the motion since then, however thin the cells are.
         """
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
-        overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max())
+        overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max()) + max(float(opened.max()), 0.0)
         surfaces = deformed(self.slave, displacement), deformed(self.master, displacement)
         with ignored(PairingWarning):  # of nodes that face no surface any more
             try:
                 rows = self.pairing.rows_of_deformed(surfaces, self.nodes * dim, overlap)
             except NeverFacingError:  # the surfaces have separated
                 return None, np.zeros(0, dtype=np.int64)
-        return rows, np.searchsorted(self.slave.nodes, rows.slaves)
+        slaves = np.searchsorted(self.slave.nodes, rows.slaves)
+        return replace(rows, gap=rows.gap + opened[slaves]), slaves
 
 
 class Paired(NamedTuple):
-    """All pairs at one position (C slave nodes, T tangential rows, n dofs of surfaces)."""
+    """All pairs at one position (m rows of other pairs, C slave nodes, T tangential rows, n dofs of surfaces)."""
 
-    matrix: csr_matrix  # R, rows of pressures followed by tangential ones, (C + T, n)
+    # R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m + n)
+    matrix: csr_matrix
     gap: np.ndarray  # of the slave nodes, (C,)
-    at: np.ndarray  # displacement at which they were paired, (n,)
+    at: np.ndarray  # displacement at which they were paired, behind m other numbers, (m + n,)
 
 
 class RepairingSlider(Slider):
-    """Solves increments of a model with ``pairs``, whose rows are all dofs of its surfaces.
+    """Solves increments of a model with ``pairs``, whose last rows are all dofs of its surfaces.
 
-    ``exactly`` pairs increments until their positions converge.
+    Its first m rows are those of the pairs that do not slide: conditions, with a slack in the place of a displacement
+    with the opposite sign. ``exactly`` pairs increments until their positions converge.
     """
 
     def __init__(self, model: Any, *, exactly: bool = False):
@@ -137,19 +145,22 @@ class RepairingSlider(Slider):
         self.settled = EXACTLY if exactly else SETTLED
         self.pairs: Sequence[SlidingPair] = model.pairs
         self.dim = model.dimension
+        self.kept = self.pairs[0].first
+        self.count = sum(pair.slave.nodes.size for pair in self.pairs)
         places = np.concatenate([surface.points for pair in self.pairs for surface in (pair.slave, pair.master)])
         self.size = float(np.ptp(places, axis=0).max())
         self.facet = min(surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master))
+        self.rows = self.kept + self.count * self.dim
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies as meshed, without slip."""
-        count = len(self._contact_at(point).free_slack)
-        rows = self.friction.normal.size + self.friction.tangential.size
-        nothing = np.zeros(count)
-        gap = self.paired(nothing, nothing).gap
+        free_slack = self._contact_at(point).free_slack
+        nothing = np.zeros(len(free_slack))
+        others = free_slack[self.friction.normal[self.count :]]
+        gap = np.concatenate([self.paired(nothing, nothing, point).gap, others])
         slip = SlipState.at_rest(self.friction)
         changes = self._no_changes, self._no_changes
-        return Reached(point, time, np.zeros(rows), None, gap, slip, weights, *changes, nothing, nothing)
+        return Reached(point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
@@ -160,11 +171,11 @@ class RepairingSlider(Slider):
         displacement = free - contact.schur @ before.surface_forces
         last = 1e-300
         for _ in range(PAIRINGS):
-            paired = self.paired(displacement, before.displacement)
+            paired = self.paired(displacement, before.displacement, point)
             found, bound = self._solved_on(contact.schur, free, paired, before, point)
             surface_forces = paired.matrix.T @ found.forces
             displacement = free - contact.schur @ surface_forces
-            change = np.abs(displacement - paired.at).max() / self.facet
+            change = np.abs(displacement - paired.at)[self.kept :].max() / self.facet
             # the next change would be smaller by the same factor as this one
             if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
@@ -181,31 +192,49 @@ class RepairingSlider(Slider):
     ) -> tuple[Sliding, np.ndarray]:
         """Solution of an increment on one pairing, and limits of tangential forces, (C,)."""
         rows = paired.matrix
-        count = self.friction.normal.size
         schur = rows @ (rows @ compliance).T
+        pressures = slice(self.kept, self.kept + self.count)
+        sliding = self.count * (self.dim - 1)
         slack = np.empty(rows.shape[0])
-        slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
-        slack[count:] = rows[count:] @ (before.displacement - free)
-        given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
-        found = SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
+        slack[: self.kept] = -free[: self.kept]
+        slack[self.friction.tangential[sliding:]] -= before.slip.position[sliding:]
+        slack[pressures] = paired.gap + rows[pressures] @ (paired.at - free)
+        slack[pressures.stop :] = rows[pressures.stop :] @ (before.displacement - free)
+        idle = np.zeros(self.friction.normal.size, dtype=bool)
+        idle[: self.count] = idle_contacts(schur[pressures, pressures])
+        slack[self.friction.normal[idle]] = APART * self.size
+        coefficient, limit = self.friction.bounds(point)
+        limit = np.where(idle & np.isinf(coefficient), 0.0, limit)  # Tresca's law holds at no pressure too
+        given = Increment(slack, coefficient, limit, np.zeros(0))
+        friction = self._with_held(np.diag(schur), idle)
+        found = SlidingContact(schur, friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
 
-    def paired(self, displacement: np.ndarray, before: np.ndarray) -> Paired:
-        """All pairs at displaced dofs of surfaces, (n,), from their displacement before."""
-        count = self.friction.normal.size
-        gap = np.full(count, APART * self.size)
-        entries = []
+    def _with_held(self, diagonal: np.ndarray, idle: np.ndarray) -> Friction:
+        """The law on one pairing; imposed displacements hold some tangential rows, whose friction is undetermined."""
+        friction = self.friction
+        held = diagonal[friction.tangential] <= NO_EFFECT * diagonal[friction.normal[friction.owner]]
+        held &= ~idle[friction.owner]
+        if not held.any():
+            return friction
+        return replace(friction, twice=np.union1d(friction.twice, friction.tangential[held]))
+
+    def paired(self, displacement: np.ndarray, before: np.ndarray, point: np.ndarray) -> Paired:
+        """All pairs at displaced dofs of surfaces, (m + n,), from their displacement before, at a point, (P,)."""
+        gap = np.full(self.count, APART * self.size)
+        kept = np.arange(self.kept)
+        entries: list[tuple[np.ndarray, ...]] = [(np.ones(kept.size), kept, kept)]
         first = 0
         for pair in self.pairs:
             own = slice(pair.first, pair.first + pair.nodes * self.dim)
-            rows, slaves = pair.rows(*(values[own].reshape(-1, self.dim) for values in (displacement, before)))
+            here, there = (values[own].reshape(-1, self.dim) for values in (displacement, before))
+            rows, slaves = pair.rows(here, there, pair.opened(point))
             if rows is not None:
                 gap[first + slaves] = rows.gap
                 entries += self._entries(rows, first + slaves, pair.first)
             first += pair.slave.nodes.size
-        values, places, columns = (np.concatenate(part) for part in zip(*entries, strict=True)) if entries else [[]] * 3
-        shape = count + self.friction.tangential.size, displacement.size
-        return Paired(csr_matrix((values, (places, columns)), shape=shape), gap, displacement)
+        values, places, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
+        return Paired(csr_matrix((values, (places, columns)), shape=(self.rows, displacement.size)), gap, displacement)
 
     def _entries(self, rows: ContactRows, contacts: np.ndarray, first: int) -> list[tuple[np.ndarray, ...]]:
         """Values, rows and columns of the pressures and tangential rows of some contacts, (c,)."""
@@ -218,8 +247,8 @@ class RepairingSlider(Slider):
         values = weights[row, node][:, None]
         columns = first + node[:, None] * dim + np.arange(dim)
         vectors = np.concatenate([normals[:, None], tangents_of(normals)], axis=1)
-        tangential = self.friction.normal.size + contacts * (dim - 1)
-        places = np.column_stack([contacts, *(tangential + k for k in range(dim - 1))])
+        tangential = self.kept + self.count + contacts * (dim - 1)
+        places = np.column_stack([self.kept + contacts, *(tangential + k for k in range(dim - 1))])
         return [
             ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel()) for k in range(dim)
         ]
@@ -230,28 +259,62 @@ class RepairingSlider(Slider):
         return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: Solved) -> Answer:
-        """Answer of an increment; its forces are those on all dofs of surfaces."""
+        """Answer of an increment; its forces are those of the pairs that do not slide, and on all dofs of surfaces."""
         found, reached, contact, _ = solved
-        surface_forces = reached.surface_forces
-        assert surface_forces is not None
+        forces = reached.surface_forces
+        assert forces is not None
         how = found.iterations, found.status, found.sweeps > 0, self.model.fields, reached.time
-        unknown = contact.unknown(surface_forces)
-        memory = Memory(slip=reached.slip)
-        return Answer(reached.point, unknown, surface_forces, surface_forces != 0.0, *how, memory=memory)
+        active = np.concatenate([found.active[: self.kept], forces[self.kept :] != 0.0])
+        return Answer(reached.point, contact.unknown(forces), forces, active, *how, memory=Memory(slip=reached.slip))
 
 
-def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int) -> Friction:
+def idle_contacts(schur: np.ndarray) -> np.ndarray:
+    """Contacts of a pairing, (C,) bool, whose pressures, with the compliance S, (C, C), change nothing new.
+
+    Imposed displacements move all of their nodes, or constraints make their nodes those of a contact before.
+    """
+    own = np.diag(schur)
+    idle = own <= IMPOSED * own.max(initial=0.0)
+    sums = own[:, None] + own
+    # |r_i - r_j|^2 in the norm of the compliance
+    same = np.triu(sums - 2.0 * schur <= NO_EFFECT * sums, 1) & ~idle[:, None] & ~idle
+    return idle | same.any(axis=0)
+
+
+def layout(
+    pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int, others: Friction
+) -> Friction:
     """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of pressures.
 
-    ``fixed`` are indices of the parameters that stay while loads grow in proportion.
+    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The rows of the pairs that do not
+    slide come first, but their contacts, if ``others`` has any, follow.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
     count = sum(counts)
+    kept = pairs[0].first
     owner = np.repeat(np.arange(count), dim - 1)
     areas = np.concatenate([pair.slave.areas for pair in pairs])
     law = np.repeat(np.arange(len(pairs)), counts)
     nothing = np.zeros(0, dtype=np.int64)
-    return Friction(
-        np.arange(count), areas, np.zeros(count), law, count + np.arange(owner.size), owner,
+    own = Friction(
+        kept + np.arange(count), areas, np.zeros(count), law, kept + count + np.arange(owner.size), owner,
         np.zeros((owner.size, dim)), tuple(laws), fixed, nothing, nothing,
     )  # fmt: skip
+    return followed(own, others)
+
+
+def no_friction(dim: int) -> Friction:
+    """Friction of no contact."""
+    nothing = np.zeros(0, dtype=np.int64)
+    reals = np.zeros(0)
+    return Friction(nothing, reals, reals, nothing, nothing, nothing, np.zeros((0, dim)), (), nothing, nothing, nothing)
+
+
+def followed(one: Friction, other: Friction) -> Friction:
+    """Friction of the contacts of two laws, with rows of one problem."""
+    both = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in
+            ("normal", "area", "spacing", "tangential", "tangents", "twice")}  # fmt: skip
+    law = np.concatenate([one.law, len(one.laws) + other.law])
+    owner = np.concatenate([one.owner, one.normal.size + other.owner])
+    fixed = np.union1d(one.fixed, other.fixed)
+    return replace(one, **both, law=law, owner=owner, laws=(*one.laws, *other.laws), fixed=fixed)

@@ -10,19 +10,21 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.rows import normals_of
+from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
-from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm
-from hhr_dolfinx.pairings.surface import CREASE
-from hhr_dolfinx.plugins.friction.laws import FrictionLaw
+from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, OfContact, Output
+from hhr_dolfinx.pairings import Pairing
+from hhr_dolfinx.pairings.surface import CREASE, Surface
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
+from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
-from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, SurfaceDofs, layout, nodes_of, renumbered
+from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout, nodes_of, renumbered
+from hhr_dolfinx.plugins.sliding.surface_dofs import FullOrderOfSurfaces, SurfaceDofs
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored
@@ -30,28 +32,35 @@ from hhr_dolfinx.warn import ignored
 REPEATED = NodeToSurface, Mortar
 """Pairings that can be computed again as bodies slide."""
 OUTPUTS = (ContactForce, DisplacementAt, LinearForm)
-"""Outputs that do not depend on the position of the surfaces, as stresses do not."""
+"""Outputs that do not depend on the position of the surfaces, as stresses and the energy do not."""
+TWO_PASSES = (
+    ": while surfaces slide, nodes of one pass those of the other, and there the rows of both passes become dependent, "
+    "so that pressures, and friction with them, have no single value. Take NodeToSurface or Mortar, whose rows stay "
+    "independent"
+)
+"""Why a pairing in two passes can not slide."""
 
 
 def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     """Build a model of a scene whose surfaces are paired again in every increment of a path.
 
     Strains and rotations must be small, sliding need not be. If nothing slides by more than a facet, ``hhr.condense``
-    is the cheaper model.
+    is the cheaper model. Pairs with a rigid obstacle are not paired again: their rows are those of the full order, on
+    the undeformed surface.
 
     Args:
-        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, of bodies held by imposed displacements
-            alone.
+        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, which slide, or of one surface with a rigid
+            obstacle, of bodies held by imposed displacements alone.
         condensed: whether the compliance of the surfaces is computed once; else the full model does so for each path.
 
     Raises:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
     """
     _check(scene)
-    pairs = tuple(SurfaceDofs(*item.tags) for item in scene.contacts)
+    items = tuple(SurfaceDofs(*item.tags) if _slides(item) else item for item in scene.contacts)
     # rows of dofs have no law of friction, whose parameters the scene names
     with ignored(SceneWarning, about=" have no effect"):
-        full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
+        full = FullOrderOfSurfaces(dataclasses.replace(scene, contacts=items), MPI.COMM_SELF)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.held_by_contact:
@@ -60,66 +69,96 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         problem.require_parts("condensation")
     if problem.varies and condensed:
         raise SceneError(
-            f"moduli or shapes of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are "
-            "of constant ones. Give numbers, or take condensed=False"
+            f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are of "
+            "constant ones. Give numbers, or take condensed=False"
         )
     found = tuple(_pairs(full, scene))
-    if sum(pair.nodes for pair in found) * problem.block_size != len(problem.gaps):
-        raise SceneError(
-            f"surfaces of scene '{scene.name}' that slide have nodes whose displacement is imposed: end either before "
-            "the other"
-        )
     laws = [
         FrictionLaw.of(law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0), scene.parameters, f"contact {place}")
-        for place, law in enumerate(scene.laws)
+        for place, (law, item) in enumerate(zip(scene.laws, scene.contacts, strict=True))
+        if _slides(item)
     ]
     base: Any = full
     if condensed:
         nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
         base = exact_condensation(full, nothing, field=False)
     fixed = np.array([k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64)
-    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size))
+    others = problem.law
+    assert isinstance(others, Friction)
+    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size, others))
+
+
+def _slides(item: Pairing) -> bool:
+    """True for a pair that is paired again."""
+    return isinstance(item, REPEATED) and getattr(item, "multipliers", "dual") == "dual"
 
 
 def _check(scene: Scene) -> None:
+    """Raise SceneError for the first pair, body, shape or output that is not built in, with the reason."""
     if not isinstance(scene, Scene):
         raise SceneError(
             f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes what it needs"
         )
     for place, item in enumerate(scene.contacts):
-        if not isinstance(item, REPEATED) or getattr(item, "multipliers", "dual") != "dual":
+        if not _slides(item) and len(item.tags) > 1:
             names = " and ".join(kind.__name__ for kind in REPEATED)
             raise SceneError(
                 f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} with dual multipliers "
-                "can be made anew as bodies slide"
+                f"can be made anew as bodies slide{TWO_PASSES if isinstance(item, DoublePass) else ''}"
             )
+    if not any(map(_slides, scene.contacts)):
+        raise SceneError(f"no contact of scene '{scene.name}' has two surfaces that slide: take hhr.condense(scene)")
     for place, law in enumerate(scene.laws):
         if not (law is None or isinstance(law, Coulomb | Tresca)):
             raise SceneError(
                 f"contact {place} of scene '{scene.name}' has a law, {law.words}, that is not built in where surfaces "
-                "slide past their mesh: friction is"
+                "slide past their mesh: increments that pair them again solve for friction alone"
             )
-    if scene.openings or scene.shapes or any(body.law is not None for body in scene.bodies):
-        raise SceneError(
-            f"scene '{scene.name}' has openings, shapes, or bodies that flow: they are not built in where surfaces "
-            "slide past their mesh"
-        )
-    places = registry.named("public")
-    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises",) if name in places))
+    _check_bodies(scene)
     for output in scene.outputs:
-        if not isinstance(output, kinds):
-            names = ", ".join(kind.__name__ for kind in kinds)
+        _check_output(scene, output)
+
+
+def _check_bodies(scene: Scene) -> None:
+    """Raise SceneError for bodies whose deformation is more than a compliance of their surfaces."""
+    for body in scene.bodies:
+        if body.law is not None:
             raise SceneError(
-                f"output '{output.name}' is not built in where surfaces slide past their mesh: {names} are; pressures, "
-                "slip and wear are in an answer's slip"
+                f"body {body.tag} of scene '{scene.name}' has a law, {body.law!r}, that is not built in where surfaces "
+                "slide past their mesh: increments that pair them again solve for contact forces by a compliance, "
+                "which plastic strains change. Take an elastic body"
             )
+    for shape in scene.shapes:
+        raise SceneError(
+            f"the shape of body {shape.tag} of scene '{scene.name}' depends on parameters, which is not built in where "
+            "surfaces slide past their mesh: they are paired again from their places on one mesh. Make a scene for "
+            "each shape"
+        )
 
 
-def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair; errors and warnings of the pairing if they do not face each other as meshed."""
-    first = 0
+def _check_output(scene: Scene, output: Output) -> None:
+    """Raise SceneError for an output of surfaces that depends on their position."""
+    if isinstance(output, OfContact) and output.contact < len(scene.contacts):
+        if not _slides(scene.contacts[output.contact]):
+            return
+    places = registry.named("public")
+    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places))
+    if not isinstance(output, kinds):
+        names = ", ".join(kind.__name__ for kind in kinds)
+        raise SceneError(
+            f"output '{output.name}' is not built in where surfaces slide past their mesh: {names} are; pressures, "
+            "slip and wear are in an answer's slip"
+        )
+
+
+def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
+    """The surfaces of each pair that slides; errors of the pairing if they do not face each other as meshed."""
+    problem = full.problem
+    of_dofs = [place for place, item in enumerate(scene.contacts) if _slides(item)]
+    first = int(np.flatnonzero(np.isin(problem.contact_pairs, of_dofs))[0])
     known: dict[int, tuple[int, np.ndarray]] = {}
-    for place, item in enumerate(scene.contacts):
+    for place in of_dofs:
+        item = scene.contacts[place]
         assert isinstance(item, REPEATED)
         pairing = dataclasses.replace(item, friction=None, law=None)  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
@@ -134,5 +173,27 @@ def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
                     f"the slaves of contacts {other} and {place} of scene '{scene.name}' share nodes, which is not "
                     "built in where surfaces slide past their mesh: make one contact of both, of one tag"
                 )
-        yield SlidingPair(pairing, slave, master, first, nodes.size)
+        clearance = _clearance(scene, place, slave, rows)
+        yield SlidingPair(pairing, slave, master, first, nodes.size, clearance, _opening(scene, place))
         first += points.size
+
+
+def _opening(scene: Scene, place: int) -> np.ndarray:
+    """Sum of the openings of a contact, a constant and the slope of each parameter, (1 + P,)."""
+    amplitudes = [item.amplitude for item in scene.openings if item.contact == place]
+    rows = [np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes]
+    return np.sum(rows, axis=0) if rows else np.zeros(1 + len(scene.parameters.names))
+
+
+def _clearance(scene: Scene, place: int, slave: Surface, rows: ContactRows) -> np.ndarray:
+    """Gap of each slave node as meshed if an opening overwrites it, else zeros, (n,)."""
+    found = np.zeros(slave.nodes.size)
+    if scene.overwritten(place):
+        if rows.gap.size < found.size:
+            raise SceneError(
+                f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', which slides, and "
+                f"{found.size - rows.gap.size} of its {found.size} slave nodes face nothing as meshed: the gap that "
+                "they have there is unknown. Swap slave and master, or leave out overwrites=True"
+            )
+        found[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
+    return found

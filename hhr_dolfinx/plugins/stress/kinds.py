@@ -143,3 +143,39 @@ class Energy(Functional):
     def indices(self) -> dict[str, np.ndarray]:
         """Terms."""
         return {"terms": np.concatenate([self.terms, self.lifted, self.gap_terms])}
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyOfHistories(Functional):
+    """Elastic energy where forces act on conditions that are open or slip: λ·B U0 in the place of λ·D θ.
+
+    Its rows are those of ``energy``, followed by the conditions, B.
+    """
+
+    uses_forces: ClassVar[bool] = True
+
+    energy: Energy  # without gaps
+    lifts: Annotated[Floats, "conditions", "lifted"]  # B times the lifts, (m, l)
+
+    def value(self, state: State) -> float:
+        """Half the work of all forces."""
+        energy, motions = self._parted(state)
+        return self.energy.value(energy) - float(state.forces @ motions) / 2
+
+    def slopes(self, state: State) -> Slopes:
+        """Slopes by the product rule."""
+        energy, motions = self._parted(state)
+        found = self.energy.slopes(energy)
+        of_theta = found.theta.copy()
+        np.add.at(of_theta, self.energy.lifted, state.forces @ self.lifts / 2)
+        measured = np.concatenate([found.measured, -state.forces / 2])
+        return found._replace(forces=-motions / 2, measured=measured, theta=of_theta)
+
+    def _parted(self, state: State) -> tuple[State, np.ndarray]:
+        """The state for the rows of ``energy``, and B U0, (m,)."""
+        own, moved = np.split(state.measured, [self.energy.count])
+        return state._replace(measured=own), moved - self.lifts @ state.theta[self.energy.lifted]
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Terms."""
+        return self.energy.indices()

@@ -16,7 +16,7 @@ from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.elasticity import strain_vector
 from hhr_dolfinx.full_order.outputs import cells_of_body
 from hhr_dolfinx.models.functionals.functional import Functional
-from hhr_dolfinx.plugins.stress.kinds import Energy, Mises
+from hhr_dolfinx.plugins.stress.kinds import Energy, EnergyOfHistories, Mises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
@@ -148,10 +148,10 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
             f"output '{output.name}': bodies of scene '{discretisation.scene.name}' have laws, and the work of forces "
             "is not their elastic energy: leave it out"
         )
-    if problem.law.remembers:
+    if problem.law.remembers and problem.reshaped is not None:
         raise SceneError(
-            f"output '{output.name}': with {problem.law.name} the work of forces is not elastic energy alone: leave it "
-            "out"
+            f"output '{output.name}': with {problem.law.name} it needs the displacement at all contacts, whose rows "
+            "change with shapes that depend on parameters: leave it out"
         )
     if discretisation.springs is not None:
         raise SceneError(
@@ -177,7 +177,20 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     squares = np.array([(lifts.T @ part).toarray() for part in pulled]).reshape(
         len(stiffness), lifted.size, lifted.size
     )
-    gap_terms = probe.terms(problem.gaps.any(axis=0)).astype(np.int64)
+    closed = not problem.law.remembers
+    gap_terms = probe.terms(problem.gaps.any(axis=0) & closed).astype(np.int64)
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
     rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps, own
-    return Energy(output.name, output.unit, *matrix, names, moduli, *rest)
+    energy = Energy(output.name, output.unit, *matrix, names, moduli, *rest)
+    return energy if closed else _of_history(energy, problem, lifts)
+
+
+def _of_history(energy: Energy, problem: ContactProblem, lifts: csc_matrix) -> EnergyOfHistories:
+    """The energy, with the motion of conditions in the place of their gaps; lifts, (N, l), are those that act."""
+    conditions = problem.contact.tocoo()
+    rows = np.concatenate([energy.rows, energy.count + conditions.row]).astype(np.int64)
+    columns = np.concatenate([energy.columns, conditions.col]).astype(np.int64)
+    entries = np.concatenate([energy.entries, conditions.data])
+    count = energy.count + problem.contact.shape[0]
+    moved = np.ascontiguousarray((problem.contact @ lifts).toarray())
+    return EnergyOfHistories(energy.name, energy.unit, count, rows, columns, entries, energy, moved)

@@ -46,7 +46,7 @@ class VonMises(NamedOutput):
 
 @dataclass(frozen=True)
 class ElasticEnergy(NamedOutput):
-    """Elastic energy of all bodies, from the work of all forces; for elastic scenes only.
+    """Elastic energy of all bodies, from the work of all forces; for elastic bodies only, with any law of contacts.
 
     In a reduced model it has the errors of forces and displacement.
     """

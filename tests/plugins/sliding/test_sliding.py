@@ -52,7 +52,7 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     fixed = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     model = hhr.slide(scene, condensed=False)
     nothing = np.zeros(len(model.base.problem.gaps))
-    paired = RepairingSlider(model).paired(nothing, nothing)
+    paired = RepairingSlider(model).paired(nothing, nothing, np.zeros(2))
     rows = (paired.matrix @ model.base.problem.contact).toarray()
     x = [model.slave_points()[:, 0], fixed.contact_points[fixed.law.normal, 0]]
     order, other = (np.argsort(values) for values in x)
@@ -205,9 +205,8 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
         "'peak' is not built in": {"outputs": (hhr.LargestPressure("peak", 0),)},
         # arms are those of the mesh
         "'turns' is not built in": {"outputs": (hhr.ContactMoment("turns", 0, (0.0, 0.0)),)},
-        "has openings, shapes": {"openings": (hhr.Opening(0, hhr.Amplitude(constant=0.1)),)},
         "contact alone holds": {"displacements": scene.displacements[:3], "loads": (pressed,)},
-        "moduli or shapes": {"bodies": (hhr.Body(FIRST, "1000 + push", 0.3), scene.bodies[1])},
+        "moduli of scene": {"bodies": (hhr.Body(FIRST, "1000 + push", 0.3), scene.bodies[1])},
     }
     for message, change in changes.items():
         with pytest.raises(SceneError, match=message):
