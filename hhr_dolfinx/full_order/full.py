@@ -104,11 +104,11 @@ class FullOrderModel(FullModel):
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
-        problem = discretisation.contact_problem(stiffness, moduli)
+        with self._of_user():
+            problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli))
         if discretisation.reshaped is not None:
             problem = discretisation.reshaped.attached(problem)
-        with self._of_user():
-            self.problem = problem = discretisation.checked(problem)
+        self.problem = problem
         self.parameters = problem.parameters
         self.law = problem.law
         few = self.has_room(problem.free.size)
