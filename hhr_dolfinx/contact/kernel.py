@@ -39,6 +39,9 @@ class Kernel(Protocol):
     def exact(self, problem: Any, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
 
+    def beside(self, eliminated: Any) -> Any:
+        """``Elimination`` by one that leaves out the motions, at any stiffness."""
+
     def holding(self) -> np.ndarray:
         """Numbers of the conditions that resist the motions, (k,)."""
 
@@ -77,7 +80,9 @@ class LinearisedKernel(Protocol):
     ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
         """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a residual, (n,)."""
 
-    def changed(self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def changed(
+        self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Forces, (m,), and motion, (n,), of a small change at constant statuses."""
 
     def undetermined(self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None) -> np.ndarray | None:

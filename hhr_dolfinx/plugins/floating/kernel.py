@@ -18,9 +18,18 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.interface import Interface, Range
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, SceneError, SceneWarning, rounded
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    SceneError,
+    SceneWarning,
+    rounded,
+)
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
+from hhr_dolfinx.plugins.floating.interpolated import MotionsBeside
 from hhr_dolfinx.plugins.floating.linearised import LinearisedMotions
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 from hhr_dolfinx.warn import warn
@@ -30,7 +39,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.stiffness import Stiffness
     from hhr_dolfinx.full_order.system import SystemAt
     from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.models.eliminations.elimination import Responses
+    from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
     from hhr_dolfinx.models.eliminations.projected import ReducedProblem
     from hhr_dolfinx.scene import Scene
 
@@ -192,6 +201,10 @@ class RigidKernel:
         taken = problem.contact @ self.motions
         driving = self.motions.T @ problem.loads
         return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
+
+    def beside(self, eliminated: Elimination) -> MotionsBeside:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        return MotionsBeside(eliminated, self.contact_of_motions, self.loads)
 
     def holding(self) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""

@@ -83,7 +83,9 @@ class LinearisedMotions:
                 before = off
         return found._replace(iterations=spent, status=Status.ADRIFT), ends
 
-    def changed(self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def changed(
+        self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Forces, (m,), and motion, (n,), of a small change by its residual and slack, at constant statuses."""
         driving = self._modes.T @ residual
         forces, _, motions = self.equalities.several(active, free_slack[:, None], driving[:, None])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -215,14 +215,14 @@ def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli:
     """Linearisation with the dense blocks K~, B~1 and B~2."""
     given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     if problem.motions:
-        return _with_motions(problem, stiffness, given)
+        return _with_motions(problem, stiffness, moduli)
     factor = LapackLU(stiffness)
     per_force = factor.solve(problem.contact_test.T)
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
     return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
 
 
-def _with_motions(problem: ReducedProblem, stiffness: np.ndarray, given: tuple[Any, ...]) -> Linearisation:
+def _with_motions(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
     """The same where the first modes are motions of bodies that contact alone holds, on which K~ is zero."""
     r = problem.motions
     factor = LapackLU(np.ascontiguousarray(stiffness[r:, r:]))
@@ -235,6 +235,7 @@ def _with_motions(problem: ReducedProblem, stiffness: np.ndarray, given: tuple[A
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
     effect = np.ascontiguousarray(problem.contact_trial[:, :r])
     motions = kernels().linearised(equalities, effect, np.eye(len(stiffness), r))
+    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     return Linearisation(*given, solve, partial(np.matmul, per_force), equalities, motions=motions)
 
 
