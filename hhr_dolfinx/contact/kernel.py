@@ -15,7 +15,8 @@ from hhr_dolfinx import registry
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.contact.active_set import Pairs
+    from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
+    from hhr_dolfinx.contact.law import ContactLaw, StepContact
     from hhr_dolfinx.linear.rows import Rows
 
 
@@ -23,15 +24,23 @@ class Kernel(Protocol):
     """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing)."""
 
     described: str  # the bodies that contact holds, and how they can move
+    contact_of_motions: np.ndarray  # B R, (m, r)
     pins: np.ndarray  # dofs that fix them all, (r + l,)
     motions: np.ndarray  # orthonormal motions that contact resists, (N, r)
     idle: np.ndarray  # the same without loads and resistance, (N, l), which answers do not have
+    law: ContactLaw  # of the problem's conditions, in the form that solves for motions
+
+    def at(self, problem: Any) -> Kernel:
+        """Kernel of the problem on another shape of bodies that it does not move; NotOfferedError if it differs."""
 
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
 
     def exact(self, problem: Any, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
+
+    def beside(self, eliminated: Any) -> Any:
+        """``Elimination`` by one that leaves out the motions, at any stiffness."""
 
     def holding(self) -> np.ndarray:
         """Numbers of the conditions that resist the motions, (k,)."""
@@ -62,8 +71,31 @@ class CondensedKernel(Protocol):
         """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
 
 
+class LinearisedKernel(Protocol):
+    """Motions as unknowns of the linearised contact problems of one S (n unknowns, m conditions)."""
+
+    def solved(
+        self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray, unknown: np.ndarray,
+        active: np.ndarray, pairs: Pairs | None,
+    ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
+        """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a residual, (n,)."""
+
+    def changed(
+        self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces, (m,), and motion, (n,), of a small change at constant statuses."""
+
+    def undetermined(self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None) -> np.ndarray | None:
+        """Motions, (n, d), that forces on conditions, beside those that hold anyway, leave undetermined, or None."""
+
+
 class Kernels(Protocol):
     """The tool ``kernel``."""
+
+    def linearised(
+        self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
+    ) -> LinearisedKernel:
+        """Motions, (n, r), with their effect on the conditions, (m, r), beside equality problems on S."""
 
     def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.

@@ -273,7 +273,8 @@ class Discretisation(DiscreteSpace):
                     f"{free[0].name} can move freely: it {described(free[0], free[0].left)}, and no installed plug-in "
                     f"solves for motions{why}. Impose displacements that hold every body without its contacts"
                 )
-            problem = replace(problem, kernel=kernels().of(self.scene, problem, free))
+            kernel = kernels().of(self.scene, problem, free)
+            problem = replace(problem, kernel=kernel, law=kernel.law)
         return self._warned(problem)
 
     def _warned(self, problem: ContactProblem) -> ContactProblem:

@@ -104,14 +104,14 @@ class FullOrderModel(FullModel):
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
-        problem = discretisation.contact_problem(stiffness, moduli)
-        if discretisation.reshaped is not None:
-            problem = discretisation.reshaped.attached(problem)
         user: UserSystem | None = None
         if self.scene.system is not None:
             given = registry.tool("systems", f"scene '{self.scene.name}', which has a system of its own,")
             user = given(self.scene, stiffness, discretisation.springs)
-        self.problem = problem = discretisation.checked(problem, user)
+        problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli), user)
+        if discretisation.reshaped is not None:
+            problem = discretisation.reshaped.attached(problem)
+        self.problem = problem
         self.parameters = problem.parameters
         self.law = problem.law
         few = self.has_room(problem.free.size)

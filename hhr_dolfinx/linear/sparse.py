@@ -174,8 +174,8 @@ class FreeCholesky:
                 self.release()  # after a failure it may refuse regular matrices too
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
-                    "beyond its limit load, or the slope of a law is wrong. Take smaller steps, or compare the slope "
-                    "with differences"
+                    "a body has lost what holds it, as where the parameter of a foundation is zero (narrow the box); "
+                    "or the load is beyond a limit load (take smaller steps), or the slope of a law is wrong"
                 )
             self._factored = stiffness
 

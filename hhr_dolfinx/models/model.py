@@ -80,6 +80,16 @@ NOTHING: Mapping[str, float] = MappingProxyType({})
 """Parameters of a query that has none, which is refused."""
 
 
+def warn_undetermined(parameters: ParameterSpace, answer: Answer) -> None:
+    """Warn of rigid motions of an answer that contact does not determine."""
+    warn(
+        f"neither loads nor contact determine how far {kernels().undetermined_motions(answer)} at "
+        f"{parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds outputs "
+        "that read it. For one answer hold the body by a displacement, or load it",
+        UndeterminedWarning,
+    )
+
+
 class AnsweringModel(Shown):
     """Base of all kinds of models; each implements its solution, and may override methods by faster ones.
 
@@ -277,12 +287,7 @@ class AnsweringModel(Shown):
 
     def warn_undetermined(self, answer: Answer) -> None:
         """Warn of rigid motions of an answer that contact does not determine."""
-        warn(
-            f"neither loads nor contact determine how far {kernels().undetermined_motions(answer)} at "
-            f"{self.parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds "
-            "outputs that read it. For one answer hold the body by a displacement, or load it",
-            UndeterminedWarning,
-        )
+        warn_undetermined(self.parameters, answer)
 
     def _checked_outside(self, outside: str) -> str:
         """Policy outside the training range: the given one, or the default of this kind."""

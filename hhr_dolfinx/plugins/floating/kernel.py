@@ -15,18 +15,31 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
+from hhr_dolfinx import registry
+from hhr_dolfinx.contact.interface import Interface, Range
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotSolvableError, ParameterError, ReductionError, SceneError, SceneWarning, rounded
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    SceneError,
+    SceneWarning,
+    rounded,
+)
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
+from hhr_dolfinx.plugins.floating.interpolated import MotionsBeside
+from hhr_dolfinx.plugins.floating.linearised import LinearisedMotions
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.contact.stiffness import Stiffness
     from hhr_dolfinx.full_order.system import SystemAt
     from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.models.eliminations.elimination import Responses
+    from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
     from hhr_dolfinx.models.eliminations.projected import ReducedProblem
     from hhr_dolfinx.scene import Scene
 
@@ -93,8 +106,10 @@ class RigidKernel:
     idle: np.ndarray
     pins: np.ndarray
     described: str
+    law: ContactLaw
     contact_of_motions: np.ndarray  # G = B R, (m, r)
     loads: np.ndarray  # along the motions, (r, 1 + T), the same for every stiffness
+    reshaped: bool = False  # whether B, and with it G, depends on parameters
     _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
 
     @classmethod
@@ -109,10 +124,8 @@ class RigidKernel:
             vector = np.zeros((len(problem.points), problem.block_size))  # no dof of the body is zero
             vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), problem.block_size))
             touched = np.abs(problem.contact @ vector.ravel()).max(initial=0.0)
-            if touched == 0.0 or scene.shapes or scene.reader:
-                only = ". Contact alone may hold a body where none has a law or changes its shape"
-                why = only if touched else ""
-                raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
+            if touched == 0.0:
+                raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}. {remedy}")
         columns = [body.columns(len(problem.points)) for body in bodies]
         # bodies have no common nodes
         motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
@@ -130,15 +143,31 @@ class RigidKernel:
             idle = np.hstack([idle, rigid[:, round_]])
             rigid = rigid[:, ~round_]
         loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in bodies)
-        if rigid.shape[1] and problem.law.plugin and not problem.law.floats:
-            raise SceneError(
-                f"contact alone holds bodies of scene '{scene.name}', {loose}, and its law, {problem.law.name}, does "
-                "not solve for their motions: hold them by a displacement"
-            )
+        law = problem.law
+        if rigid.shape[1] and law.plugin and not law.floats:
+            if "range" not in registry.installed()[law.plugin].facets:
+                raise SceneError(
+                    f"contact alone holds bodies of scene '{scene.name}', {loose}, and its law, {law.name}, does not "
+                    "solve for their motions, nor does its plug-in have the facet 'range', by which others do: hold "
+                    "them by a displacement"
+                )
+            law = Interface((Range(law, np.arange(len(problem.gaps))),))
         on_rows = problem.contact @ rigid, (problem.loads.T @ rigid).T
-        return cls(rigid, idle, np.sort(pins), loose, *on_rows)
+        return cls(rigid, idle, np.sort(pins), loose, law, *on_rows)
+
+    def at(self, problem: ContactProblem) -> RigidKernel:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        effect = problem.contact @ self.motions
+        idle = np.abs(problem.contact @ self.idle).max(initial=0.0)
+        if idle > ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm:
+            raise NotOfferedError(
+                f"contact resists a motion of bodies at one shape and not at another: {self.described}. Hold it by a "
+                "displacement"
+            )
+        return replace(self, contact_of_motions=effect, loads=(problem.loads.T @ self.motions).T, reshaped=True)
 
     elimination = staticmethod(ReducedFloatingElimination)
+    linearised = staticmethod(LinearisedMotions)
     undetermined_outputs = staticmethod(undetermined_outputs)
     undetermined_motions = staticmethod(undetermined_motions)
 
@@ -150,7 +179,14 @@ class RigidKernel:
         acting, slopes = amplitudes.slopes_at(there.point)
         driving = self.loads @ amplitudes(there.point)
         changes = self.loads[:, acting] @ slopes
-        return Floating(self._equalities_on(there.stiffness), driving, self.motions, lambda *_: changes)
+
+        def drift(forces: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+            """R^T (F' - B'^T forces)."""
+            if not self.reshaped:
+                return changes
+            return -self.motions.T @ there.system.explicit(there.point, forces, unknown)[0]
+
+        return Floating(self._equalities_on(there.stiffness), driving, self.motions, drift)
 
     def _equalities_on(self, stiffness: Stiffness) -> FloatingEqualities:
         """Equality problems on S; cached for the last stiffness."""
@@ -165,6 +201,10 @@ class RigidKernel:
         taken = problem.contact @ self.motions
         driving = self.motions.T @ problem.loads
         return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
+
+    def beside(self, eliminated: Elimination) -> MotionsBeside:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        return MotionsBeside(eliminated, self.contact_of_motions, self.loads)
 
     def holding(self) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""

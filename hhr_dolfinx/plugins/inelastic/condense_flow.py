@@ -20,7 +20,14 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
-from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    HHRError,
+    NotOfferedError,
+    NotSolvableError,
+    ReductionError,
+    UnstableModelError,
+)
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -262,6 +269,12 @@ class CorrectionSettings(Reductor["_Shared"]):
             raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
         _ = equilibrium_of(full).material.code  # refuses laws without programs
         full.problem.require_whole()
+        if full.problem.kernel is not None:
+            raise NotOfferedError(
+                f"contact alone holds bodies of scene '{full.scene.name}', and bodies have laws: forces of a condensed "
+                "step follow from its slack alone, and these must balance bodies too, whose motions are unknowns. Take "
+                "the hyper-reduced model, training.build()"
+            )
         check_of_problem("snapshots", snapshots, full.problem)
         if snapshots is None or not snapshots.histories or snapshots.columns is not None:
             raise ReductionError(

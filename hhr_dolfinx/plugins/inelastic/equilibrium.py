@@ -14,6 +14,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
+from hhr_dolfinx.contact.kernel import LinearisedKernel
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -40,6 +41,7 @@ class Linearisation:
     push: Callable[[np.ndarray], np.ndarray]  # K^-1 B^T times forces
     equalities: SchurEqualities  # on S = B K^-1 B^T
     held: Callable[[], AbstractContextManager] = nullcontext  # keeps the factors of K meanwhile
+    motions: LinearisedKernel | None = None  # of bodies that contact alone holds, which K pins; None without any
 
     def correct(
         self,
@@ -56,12 +58,24 @@ class Linearisation:
         with self.held():  # columns of S may be solved for within the active set
             free = self.solve(residual)
             slack = self.gaps @ theta - self.rows @ (x + free)
+            if self.motions is not None:
+                found, moved = self.motions.solved(contact, slack, residual, x + free, active, self.pairs)
+                return free - self.push(found.forces) + moved, found
             found = contact.solved(self.equalities, slack, active, self.pairs)
         return free - self.push(found.forces), found
 
     def schur(self) -> np.ndarray:
         """S, (m, m)."""
         return self.equalities.whole()
+
+    def undetermined(self, found: Statuses, x: np.ndarray, theta: Theta, law: ContactLaw) -> np.ndarray | None:
+        """Rigid motions of an unknown that forces leave undetermined, (n, d); None without any."""
+        if self.motions is None:
+            return None
+        pressing = law.pressing(found.forces.size)
+        holding = None if pressing.all() else found.active & ~pressing
+        forces = np.where(pressing, found.forces, 0.0)
+        return self.motions.undetermined(forces, self.slack_of(self.gaps @ theta, x), holding)
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Slack of an unknown, gaps - B x, or the change of it by changes."""
@@ -71,6 +85,9 @@ class Linearisation:
         """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
         with self.held():
             free = self.solve(residual)
+            if self.motions is not None:
+                forces, moved = self.motions.changed(residual, gaps - self.rows @ free, active)
+                return free - self.push(forces) + moved, forces
             forces, _ = self.equalities(active, gaps - self.rows @ free)
             return free - self.push(forces), forces
 

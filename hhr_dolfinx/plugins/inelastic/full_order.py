@@ -16,6 +16,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
@@ -288,8 +289,13 @@ class FullEquilibrium(MeshEquilibrium):
     def _linearisation(
         self, stiffness: Stiffness, push: Callable[[np.ndarray], np.ndarray], moduli: np.ndarray
     ) -> Linearisation:
-        given = self.problem.contact, self.problem.gaps, self._pairs, moduli
-        return Linearisation(*given, stiffness.solve, push, stiffness.equalities, stiffness.held)
+        problem = self.problem
+        given = problem.contact, problem.gaps, self._pairs, moduli
+        equalities = stiffness.equalities
+        motions = None
+        if problem.kernel is not None and problem.held_by_contact:
+            motions = kernels().linearised(equalities, problem.kernel.contact_of_motions, problem.kernel.motions)
+        return Linearisation(*given, stiffness.solve, push, equalities, stiffness.held, motions)
 
     def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.

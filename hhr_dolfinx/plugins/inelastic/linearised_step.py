@@ -225,6 +225,7 @@ class LinearisedStepper(Stepper):
                     self._linearisation = linear if again else None
                     self._grow(scale, largest)
                     answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
+                    answer = answer._replace(undetermined=linear.undetermined(found, x, theta, model.law))
                     kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
                     return answer._replace(time=goal.time, memory=kept)
             active = found.active

@@ -22,6 +22,7 @@ from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
 from hhr_dolfinx.models.histories.path import check_settings, left_with
 from hhr_dolfinx.models.histories.steps import steps_of
+from hhr_dolfinx.models.model import warn_undetermined
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
@@ -165,6 +166,8 @@ def _march(
         # a refused step is not kept
         watch.after(number, time, signs)
         whole = model.together.whole(after) if number > len(known) else known[number - 1]
+        if after.undetermined is not None and all(answer.undetermined is None for answer in history.answers):
+            warn_undetermined(model.parameters, whole)  # once for a path
         history.answers.append(whole)
         history.signs.append(signs)
         history.cuts += after.parts > 1

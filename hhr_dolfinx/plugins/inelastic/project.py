@@ -115,9 +115,10 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
     ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
     """
     reduced: Any = model.equilibrium
-    basis = model.fields.basis
+    r = reduced.problem.motions  # of bodies that contact alone holds: they have no stiffness
+    basis = model.fields.basis[:, r:]
     whole = basis.T @ (stiffness @ basis)
-    projected = reduced.tangent(tangents[reduced.points])
+    projected = reduced.tangent(tangents[reduced.points])[r:, r:]
     try:
         return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:

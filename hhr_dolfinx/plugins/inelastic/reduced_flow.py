@@ -13,6 +13,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
@@ -127,6 +128,9 @@ class ReducedEquilibrium(MeshEquilibrium):
         self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
         self._given = None if flow.follow is None else csr_matrix(flow.follow.T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
+        if problem.motions:  # balance of whole bodies, on which no stress does work
+            self._external[: problem.motions] = problem.loads[: problem.motions]
+            self._test[: problem.motions] = 0.0
         self.material = flow.material.moduli_at(parameters.middle)
         self._set_problem(problem)
         self.material = flow.material
@@ -215,11 +219,30 @@ class ReducedEquilibrium(MeshEquilibrium):
 
 def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
     """Linearisation with the dense blocks K~, B~1 and B~2."""
+    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    if problem.motions:
+        return _with_motions(problem, stiffness, moduli)
     factor = LapackLU(stiffness)
     per_force = factor.solve(problem.contact_test.T)
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
-    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
+
+
+def _with_motions(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
+    """The same where the first modes are motions of bodies that contact alone holds, on which K~ is zero."""
+    r = problem.motions
+    factor = LapackLU(np.ascontiguousarray(stiffness[r:, r:]))
+
+    def solve(residual: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.zeros(r), factor.solve(residual[r:])])
+
+    columns = factor.solve(np.ascontiguousarray(problem.contact_test[:, r:].T))
+    per_force = np.concatenate([np.zeros((r, columns.shape[1])), columns])
+    equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
+    effect = np.ascontiguousarray(problem.contact_trial[:, :r])
+    motions = kernels().linearised(equalities, effect, np.eye(len(stiffness), r))
+    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    return Linearisation(*given, solve, partial(np.matmul, per_force), equalities, motions=motions)
 
 
 @compiled()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import count
 from typing import Any
 
@@ -13,6 +13,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown, round_off_of_gaps
@@ -23,6 +24,8 @@ from hhr_dolfinx.timing import Announce, unannounced
 
 LARGE = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the memory."""
+WHOLLY = 1e-6
+"""Part of a motion outside of a component, or in it, that is round-off."""
 KNOWN_BYTES = 2e9
 """Memory for results of one component that are kept for later queries."""
 
@@ -115,16 +118,20 @@ class Solver:
         rows = csr_matrix(problem.contact[part.conditions])
         acting = csr_matrix(self.acting(problem).T)
         with self._factors.of(problem.own_stiffness) as factors:
+            rigid = self._rigid
+            motions = None if rigid is None else factors.solve_columns(csc_matrix(rigid))
             schur = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
-            if schur is not None:
+            if schur is not None and rigid is None:
                 responses = factors.solve_columns(acting.T)
                 columns = (rows @ responses).T
                 return self._normed(schur, columns, part.factor_at(point)) | {"work": acting @ responses}
-            schur = np.empty((rows.shape[0],) * 2)
+            schur = np.empty((rows.shape[0],) * 2) if schur is None else schur
             columns = np.empty((acting.shape[0], rows.shape[0]))
             for places, block in factors.solved_blocks(rows.T):
                 schur[:, places] = rows @ block
                 columns[:, places] = acting @ block
+        if rigid is not None and motions is not None:
+            schur, columns = without_motions(schur, columns, rows, acting, rigid, motions)
         return self._normed(schur, columns, part.factor_at(point))
 
     def work(self, point: np.ndarray) -> np.ndarray:
@@ -142,8 +149,31 @@ class Solver:
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         schur = self._full.stiffness.parts[self.component.number][np.ix_(part.conditions, part.conditions)]
-        responses = self.solved_columns(problem, problem.middle, self.acting(problem))
-        return self._normed(schur, (rows @ responses).T, part.factor_at(problem.middle))
+        acting = self.acting(problem)
+        columns = (rows @ self.solved_columns(problem, problem.middle, acting)).T
+        if (rigid := self._rigid) is not None:
+            responses = self.solved_columns(problem, problem.middle, csc_matrix(rigid))
+            schur, columns = without_motions(schur, columns, rows, csr_matrix(acting.T), rigid, responses)
+        return self._normed(schur, columns, part.factor_at(problem.middle))
+
+    @cached_property
+    def _rigid(self) -> np.ndarray | None:
+        """Orthonormal motions of the component that its stiffness leaves, (N, k); None without any.
+
+        NotOfferedError if they are motions of several components.
+        """
+        if self.problem.kernel is None:
+            return None
+        every = np.hstack([self.problem.kernel.motions, self.problem.kernel.idle])
+        found = np.zeros_like(every)
+        found[self.component.body] = every[self.component.body]
+        sizes = np.linalg.norm(found, axis=0)
+        if ((sizes > WHOLLY) & (sizes < 1 - WHOLLY)).any():
+            raise NotOfferedError(
+                "bodies move with others that constraints join, and contact alone holds them: components of the scene "
+                f"are eliminated one by one, which leaves no motion to each: {self.problem.kernel.described}"
+            )
+        return found[:, sizes > 0.5] if (sizes > 0.5).any() else None
 
     def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
         """Normalise to the factor 1; displacements by lifts do not depend on it."""
@@ -235,7 +265,7 @@ class Solver:
         problem = self.problem
         if problem.free.size > LARGE:
             full.store.release()
-        dofs = self.component.dofs
+        dofs = self.component.dofs & problem.held
         low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
         last = np.unique(problem.contact[self.component.part.conditions].indices)
         name = full.scene.name
@@ -245,6 +275,22 @@ class Solver:
             return shared
         how = slice(0, problem.free.size), name, ordering_of(problem.block_size, "mumps"), full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
+
+
+def without_motions(
+    schur: np.ndarray, columns: np.ndarray, rows: csr_matrix, acting: csr_matrix, rigid: np.ndarray, pinned: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """B K^+ B^T and F^T K^+ B^T of rows B, (m, N), and loads F^T, (T, N), from those of the pinned component.
+
+    K^+ = P K_pinned^-1 P leaves out the orthonormal ``rigid`` motions R, (N, k), with P = 1 - R R^T; ``pinned`` is
+    K_pinned^-1 R. On loads that balance it inverts K, whatever the pins are.
+    """
+    effect = rows @ rigid
+    work = rigid.T @ pinned
+    of_rows = rows @ pinned - 0.5 * effect @ work
+    of_loads = acting @ pinned - 0.5 * (acting @ rigid) @ work
+    changed = of_loads @ effect.T + (acting @ rigid) @ of_rows.T
+    return schur - of_rows @ effect.T - effect @ of_rows.T, columns - changed
 
 
 def interpolated_compliances(

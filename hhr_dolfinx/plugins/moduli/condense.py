@@ -65,6 +65,10 @@ _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
+OF_MOTIONS = "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "
+SHAPES = 8
+SAME = 1e-9
+"""Shapes at which the effect of contact on motions is compared, and the relative difference that is round-off."""
 OF_MEMORY = "moduli vary, and contacts remember their path: how far interpolated forces are off is not bounded there"
 ALONG_NODES = (4, 16)
 PER_NODE = 8
@@ -139,7 +143,9 @@ class _Prepared(NamedTuple):
         room = int(np.log2(START_BYTES / (8 * problem.free.size)))
         points = Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
         if problem.law.remembers:
-            return _starts_along_paths(compliances, points, problem, announce)
+            return _starts_along_paths(_with_motions(compliances, problem), points, problem, announce)
+        if problem.kernel is not None:
+            return _starts_beside_motions(_with_motions(compliances, problem), points, problem)
 
         def starts() -> dict[str, np.ndarray]:
             known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
@@ -152,6 +158,8 @@ class _Prepared(NamedTuple):
         """Fields with a bound; unchanged without one, with the reason in the log."""
         full = self.task.full
         announce = self.task.announce
+        if full.problem.kernel is not None:
+            return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MOTIONS + full.problem.kernel.described)
         if not wanted or full.problem.law.remembers:
             return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
         try:
@@ -165,7 +173,7 @@ class _Prepared(NamedTuple):
 
     def unbounded(self) -> bool:
         """True if the errors of a model have no bound, whatever its fields."""
-        if self.task.full.problem.law.remembers:
+        if self.task.full.problem.law.remembers or self.task.full.problem.kernel is not None:
             return True
         try:
             with self.task.log.stage("bound", self.task.announce):
@@ -209,12 +217,7 @@ class Condensation(Reductor[_Prepared]):
                 f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
                 "interpolated condensation is for elastic bodies that vary; take exact_condensation"
             )
-        if problem.kernel is not None:
-            raise NotOfferedError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
-                "interpolated condensation is not built in for these. Take "
-                + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
-            )
+        _check_motions(problem)
         if task.snapshots is not None:
             check_of_problem("snapshots", task.snapshots, problem)
 
@@ -253,7 +256,8 @@ class Condensation(Reductor[_Prepared]):
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = prepared.bounded(completed, forces, wanted=self.bound)
         answering = _finer(compliances, completed.bound) if finer else compliances
-        parts = full.parameters, answering, known, completed, problem.contact_pairs
+        eliminated = _with_motions(answering, problem)
+        parts = full.parameters, eliminated, known, completed, problem.contact_pairs
         model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
         numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
         unresolved = max((grid.unresolved for grid in grids), default=0.0)
@@ -291,8 +295,42 @@ class Condensation(Reductor[_Prepared]):
                 tolerance /= 100
 
 
+def _check_motions(problem: ContactProblem) -> None:
+    """Refuse a shape that changes how contact acts on the motions of bodies that it alone holds, or their loads."""
+    kernel: Any = problem.kernel
+    if kernel is None or problem.reshaped is None:
+        return
+    for point in Sobol(SHAPES).points(problem.parameters):
+        there: Any = problem.at(point).kernel
+        pairs = (there.contact_of_motions, kernel.contact_of_motions), (there.loads, kernel.loads)
+        if any(np.abs(one - other).max() > SAME * np.abs(other).max() for one, other in pairs):
+            raise NotOfferedError(
+                "contact alone holds bodies, and a shape changes the directions in which it does: the balance of these "
+                f"bodies is exact in every model, and interpolated it would not be. Take the full model: "
+                f"{kernel.described}"
+            )
+
+
+def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
+    """The elimination with the motions of bodies that contact alone holds; itself without any."""
+    return problem.kernel.beside(compliances) if problem.kernel is not None and problem.held_by_contact else compliances
+
+
+def _starts_beside_motions(
+    eliminated: Any, points: np.ndarray, problem: ContactProblem
+) -> tuple[KnownStatuses, np.ndarray]:
+    """Starts, and typical forces, (S, m), of answers at points, (S, P), where contact alone holds bodies."""
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    answers = [model.solve(point, start=None, raise_on_failure=False) for point in points]
+    known = KnownStatuses.of_answers(iter(answers))
+    if known is None:
+        raise ReductionError("no point of the box has an answer: loads drive bodies off their contacts in all of it")
+    return known, np.array([answer.multipliers for answer in answers if answer.converged])
+
+
 def _starts_along_paths(
-    eliminated: Compliances, points: np.ndarray, problem: ContactProblem, announce: Announce
+    eliminated: Any, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
     """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
 
@@ -357,6 +395,12 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
     seen.clear()  # it may take half of the memory of a model
+    motions = None
+    if problem.kernel is not None:  # motions are unknowns of their own, beside displacements orthogonal to them
+        motions = problem.kernel.motions
+        every = np.hstack([motions, problem.kernel.idle])
+        displacements = displacements - every @ (every.T @ displacements)
+        problem = replace(problem, kernel=None)
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.group)
     del displacements
     if problem.reshaped is not None:
@@ -368,8 +412,9 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     galerkin: Any = BlockElimination(whole, problem.amplitudes)
     if problem.reshaped is not None:
         galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
-    rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
-    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
+    spanned = basis if motions is None else np.hstack([basis, motions])
+    rest = galerkin, problem.block_size, full.stress_of, _outputs(full, spanned, settings)
+    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, motions=motions, full=full)
 
 
 def _finer(compliances: Compliances, bound: Any) -> Compliances:

@@ -6,6 +6,7 @@ parameters as K~. A sparse grid of a dozen factorisations of K~ replaces one for
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -89,7 +90,7 @@ def interpolated_problem(
     assert reshaped is not None
 
     def terms_of(there: ContactProblem) -> tuple[ReducedProblem, ReducedTerms]:
-        reduced = project(there, basis, sets)
+        reduced = project(replace(there, kernel=None), basis, sets)  # the basis has no motions
         if reduced.terms is not None:
             return reduced, reduced.terms
         one = Modulus("1", "1", problem.parameters.names)

@@ -403,6 +403,8 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     functionals: AllOutputs | None = None  # outputs of the scene; None if it has none
     bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
     unbounded: str = ""  # reason why there is no bound
+    # of bodies that contact alone holds, (N, r), orthogonal to the basis; their amplitudes are the unknown of answers
+    motions: Annotated[Floats, "N", "motions"] | None = None
     # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
@@ -434,24 +436,31 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         """V gamma and the lift, (N,)."""
         if not answer.converged:
             return np.full(len(self.basis), np.nan)
-        return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
+        return self._spanned @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
-        return rows @ self.basis
+        return rows @ self._spanned
+
+    @cached_property
+    def _spanned(self) -> np.ndarray:
+        """V and the motions, (N, ell + r)."""
+        return self.basis if self.motions is None else np.hstack([self.basis, self.motions])
 
     def _terms(self, rows: csr_matrix) -> np.ndarray:
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
         """Coordinates in the basis, gamma, (ell,), under the forces of an answer; NotOfferedError without fields."""
-        return self._solver.under(answer.parameter, answer.multipliers)
+        gamma = self._solver.under(answer.parameter, answer.multipliers)
+        return gamma if self.motions is None else np.concatenate([gamma, answer.unknown])
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         """Derivatives of gamma, (ell, P)."""
         assert answer.gradient is not None
         galerkin = self._solver(answer.parameter)
         _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
-        return fixed - galerkin.pushed(answer.gradient.multipliers)
+        changed = fixed - galerkin.pushed(answer.gradient.multipliers)
+        return changed if self.motions is None else np.concatenate([changed, answer.gradient.unknown])
 
     @cached_property
     def _solver(self) -> KnownForces | ReshapedElimination:

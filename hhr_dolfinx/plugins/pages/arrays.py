@@ -53,6 +53,11 @@ def check_model(model: object, what: str = "a page") -> None:
             "conditions, are supported. "
             "Call hhr.condense(scene) or hhr train SCENE --model condensed"
         )
+    if model.eliminated.keeps_kernel and not hasattr(model.eliminated, "responses"):
+        raise NotOfferedError(
+            f"{what} solves for the motions of bodies that contact alone holds on one S, and here S depends on "
+            "parameters: ask in Python, or hold them by a displacement"
+        )
     if model.law.plugin:
         page_of(model.law, what)
     eliminated: Any = model.eliminated

@@ -195,7 +195,8 @@ class Reshaped:
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """Attach the base problem, that of the middle of the box, whose order the others have.
 
-        SceneError for constraints or springs that act on a body whose shape depends on parameters.
+        SceneError for constraints or springs that act on a body whose shape depends on parameters, or if contact alone
+        holds it.
         """
         self._check_unmoved(problem)
         self._base = replace(problem, reshaped=self)
@@ -205,7 +206,7 @@ class Reshaped:
         return self._base
 
     def _check_unmoved(self, problem: ContactProblem) -> None:
-        """Equations and springs on a mesh that moves would depend on its shape."""
+        """Equations, springs and rigid motions of a mesh that moves would depend on its shape."""
         coupling = problem.prolongation.map
         springs = self._owner.springs
         moved = np.repeat(self._moving_nodes(), problem.block_size)
@@ -213,6 +214,9 @@ class Reshaped:
             "constraints": np.zeros(moved.size, bool) if coupling is None else _coupled(coupling),
             "springs": np.zeros(moved.size, bool) if springs is None else springs != 0,
         }
+        if problem.kernel is not None:
+            rigid = np.abs(np.hstack([problem.kernel.motions, problem.kernel.idle])).max(axis=1)
+            acting["contacts that alone hold a body"] = rigid > CLOSE * rigid.max()
         for what, dofs in acting.items():
             if (dofs & moved).any():
                 raise SceneError(
@@ -275,7 +279,8 @@ class Reshaped:
         rows = "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
         ordered = {name: getattr(problem, name)[order] for name in rows.split()}
         shares = None if problem.shares is None else problem.shares.ordered(order)
-        return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares)
+        found = replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares)
+        return found if base.kernel is None else replace(found, kernel=base.kernel.at(found), law=base.law)
 
     def _check_box(self) -> None:
         """Raise SceneError for maps that invert a cell in a corner of the box or between."""

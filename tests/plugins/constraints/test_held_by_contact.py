@@ -124,9 +124,18 @@ def test_what_nothing_holds_is_named(tmp_path):
         hhr.FullOrderModel(replace(loose, contacts=loose.contacts[1:]))
 
 
-def test_laws_need_bodies_that_are_held():
-    """The remedy is named, and that contact is there."""
+def test_laws_of_tied_halves_that_contact_holds():
+    """Forces balance the loads while both halves yield; tied nodes move as one."""
     made = halves()
     bodies = tuple(replace(body, law=hhr.Plasticity(0.5, 20.0)) for body in made.bodies)
-    with pytest.raises(NotSolvableError, match=r"Contact alone may hold a body where none has a law"):
-        hhr.FullOrderModel(replace(made, bodies=bodies))
+    full = hhr.FullOrderModel(replace(made, bodies=bodies))
+    point = np.array([1.0, 0.15])
+    answer = full.march([(0.0, 0.4 * point + 0.06), (1.0, point)]).answers[-1]
+    wall, forces = full.problem.contact_pairs == 0, answer.forces()
+    assert answer.plastic_strain().max() > 1e-3
+    assert [forces[wall].sum(), forces[~wall].sum()] == pytest.approx([2 * point[1], point[0]], rel=1e-9)
+    u = answer.displacement().reshape(-1, 2)
+    (first, second) = (
+        u[np.flatnonzero(np.abs(full.problem.points - place).sum(axis=1) < 1e-9)] for place in ([0, 1], [1, 1])
+    )
+    assert first[0] == pytest.approx(first[1], abs=1e-12) and second[0] == pytest.approx(second[1], abs=1e-12)

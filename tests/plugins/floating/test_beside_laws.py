@@ -1,0 +1,200 @@
+"""Bodies that contact alone holds, beside and with laws of plasticity and creep, shapes, moduli and laws of contacts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from needs import needs
+from scenes import lying, meshed, slope, slope_errors, space
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotOfferedError, SceneError, UndeterminedWarning
+from hhr_dolfinx.geometries import stacked_blocks as blocks
+
+pytestmark = [needs("inelastic"), pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")]
+TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, relative_force=1e-10, floor_stress=1e-8)
+PATH = [(0.0, np.array([1.0])), (1.0, np.array([4.0])), (2.0, np.array([9.0])), (3.0, np.array([6.0]))]
+LAWS = {
+    "plasticity": lambda: hhr.Plasticity(6.0, 100.0),
+    "creep": lambda: hhr.Norton(300.0, 3.0),
+}
+HELD, LOOSE, BOTH = (True, False), (False, True), (True, True)
+
+
+def flowing(law, which, **changes):
+    """The block that lies on another one; the laws of the lower one, of the loose one, or of both."""
+    made = lying(tilt=0.2, cells=(6, 3), **changes)
+    bodies = zip(made.bodies, which, strict=True)
+    return replace(made, bodies=tuple(replace(body, law=LAWS[law]()) if own else body for body, own in bodies))
+
+
+def on_springs(made, stiffness):
+    """The scene with springs below the side of the loose block, so that displacements hold everything."""
+    springs = tuple(
+        hhr.Springs(blocks.interface(blocks.UPPER, 2), component, stiffness, bedding=True) for component in (0, 1)
+    )
+    return replace(made, loads=(*made.loads, *springs))
+
+
+@needs("places")
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("which", [HELD, LOOSE, BOTH], ids=["held", "loose", "both"])
+def test_histories_are_the_limit_of_weak_springs(law, which):
+    """Forces and their moment balance the loads to 1e-10, and answers are what two springs extrapolate to.
+
+    Springs of 1e-8 and 1e-10 of Young's modulus change answers in proportion: their line ends at no spring. Round-off
+    of a body on a spring of 1e-10 is 1e-16 over 1e-10, so that 1e-5 is asked for; without any spring it would be zero.
+    """
+    made = flowing(law, which)
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    assert full.problem.kernel.motions.shape[1] == 2
+    found = full.march(PATH, TIGHT).answers
+    places = full.problem.contact_points[:, 0]
+    for (_, point), answer in zip(PATH[1:], found, strict=True):
+        forces = answer.forces()
+        width = 1 - 0.05
+        assert forces.min() >= 0 and forces.sum() == pytest.approx(point[0] + 0.2 * width, rel=1e-10)
+        assert places @ forces == pytest.approx(0.5 * point[0], rel=1e-10)
+        assert answer.undetermined is None
+    assert found[-1].plastic_strain().max() > 1e-4
+    (weak, weaker) = (
+        hhr.FullOrderModel(on_springs(made, ratio * 1000.0), MPI.COMM_SELF).march(PATH, TIGHT).answers
+        for ratio in (1e-8, 1e-10)
+    )
+    for answer, one, other in zip(found, weak, weaker, strict=True):
+        for read in (lambda a: a.forces(), lambda a: a.stress(), lambda a: a.plastic_strain()):
+            limit = read(other) + (read(other) - read(one)) / 99
+            assert np.abs(read(answer) - limit).max() < 1e-5 * np.abs(limit).max()
+
+
+def block_on_a_floor(law, *, held):
+    """A block under a pressure on a floor: alone, or with displacements in the place of the floor, which is far off."""
+    over, bottom = blocks.UPPER, blocks.interface(blocks.UPPER, 2)
+    made = lying(bulge=0.0, cells=(4, 4))
+    lower, upper = made.bodies
+    clamp = hhr.Displacement(bottom, 1) if held else None
+    top = blocks.outer_end(over, 2)
+    return replace(
+        made,
+        bodies=(lower, replace(upper, law=law)),
+        contacts=(hhr.Obstacle(bottom, (0.0, -1.0), 10.0 if held else 0.0 - _height()),),
+        displacements=(*made.displacements, *((clamp,) if held else ())),
+        loads=(hhr.Pressure(top, slope("p")),),
+    )
+
+
+def _height():
+    """Height of the interface of the blocks."""
+    mesh = lying(bulge=0.0, cells=(4, 4))
+    full = hhr.FullOrderModel(mesh, MPI.COMM_SELF)
+    return float(full.problem.contact_points[:, 1].mean())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_loose_block_flows_under_a_pressure_as_one_that_is_held(law):
+    """All of it is pressed alike: supports of its side are the floor, and each force is the pressure of its node.
+
+    The stress is -p across and zero along, whatever the law.
+    """
+    loose, held = (hhr.FullOrderModel(block_on_a_floor(LAWS[law](), held=one), MPI.COMM_SELF) for one in (False, True))
+    assert loose.problem.held_by_contact and not held.problem.held_by_contact
+    for (_, point), one, other in zip(
+        PATH[1:], loose.march(PATH, TIGHT).answers, held.march(PATH, TIGHT).answers, strict=True
+    ):
+        assert one.forces() == pytest.approx(point[0] * loose.problem.contact_areas, rel=1e-10)
+        stress = one.stress()[np.abs(one.stress()).max(axis=1) > 1e-6]
+        assert stress[:, 1] == pytest.approx(-point[0], rel=1e-9) and np.abs(stress[:, 0]).max() < 1e-8 * point[0]
+        assert one.stress() == pytest.approx(other.stress(), abs=1e-8 * point[0])
+        assert one.plastic_strain() == pytest.approx(other.plastic_strain(), abs=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_gradients_of_histories_are_those_of_differences(law):
+    """Along a shift of the whole path; statuses are the same on both sides, and both points are off any kink."""
+    full = hhr.FullOrderModel(flowing(law, BOTH), MPI.COMM_SELF)
+    answers = full.march(PATH, replace(TIGHT, gradient=True)).answers
+    step = 1e-5
+    ends = [full.march([(t, p + sign * step) for t, p in PATH], TIGHT).answers[-1] for sign in (1.0, -1.0)]
+    assert all(np.array_equal(end.active, answers[-1].active) for end in ends)
+    gradient = answers[-1].gradient
+    for read, change in (("multipliers", gradient.multipliers), ("unknown", gradient.unknown)):
+        difference = np.subtract(*(getattr(end, read) for end in ends)) / (2 * step)
+        assert np.abs(change[:, 0] - difference).max() < 1e-5 * np.abs(difference).max()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_hyper_reduced_histories(law, tmp_path):
+    """Forces balance the loads to round-off in a reduced model too, which a file answers alike."""
+    made = flowing(law, BOTH)
+    paths = [[(t, share * p) for t, p in PATH] for share in (1.0, 1.1, 0.9)]
+    training = hhr.train(replace(made, parameters=space(p=(0.5, 12.0))), paths, held_out=0, comm=MPI.COMM_SELF)
+    model = training.build()
+    assert model.problem.motions == 2
+    path = [(t, 0.95 * p) for t, p in PATH]
+    hhr.save_model(tmp_path / "model.npz", model)
+    every = [one.march(path).answers for one in (model, hhr.load_model(tmp_path / "model.npz"), training.full_order)]
+    for (_, point), one, again, exact in zip(path[1:], *every, strict=True):
+        assert one.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-9)
+        assert np.array_equal(one.multipliers, again.multipliers)
+        assert np.linalg.norm(one.forces() - exact.forces()) < 0.02 * np.linalg.norm(exact.forces())
+    with pytest.raises(NotOfferedError, match="forces of a condensed step follow from its slack alone"):
+        training.condense()
+
+
+def test_motions_that_nothing_determines_are_least_and_warned_of():
+    """A block on two nodes of a corner may turn: a history says so, as a single answer of elastic bodies does."""
+    made = lying(bulge=0.5, cells=(6, 3))
+    one, other = made.bodies
+    with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine") as elastic:
+        expected = hhr.FullOrderModel(made, MPI.COMM_SELF).solve(1.0)
+    assert elastic
+    scene = replace(made, bodies=(one, replace(other, law=hhr.Plasticity(1e6, 1.0))))
+    with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine"):
+        (answer,) = hhr.FullOrderModel(scene, MPI.COMM_SELF).march([(0.0, [1.0]), (1.0, [1.0])], TIGHT).answers
+    assert answer.undetermined.shape[1] == expected.undetermined.shape[1]
+
+
+@needs("moduli")
+@pytest.mark.parametrize("moduli", [("E", 0.3), (1000.0, "0.25 + E / 10000")], ids=["young", "poisson"])
+def test_condensed_moduli(moduli, tmp_path):
+    """Forces, displacement and gradients are those of the full model; a factor is exact, and the rest interpolated."""
+    made = lying(cells=(8, 4), tilt=0.2, parameters=space(p=(1.0, 10.0), E=(500.0, 2000.0)))
+    lower, upper = made.bodies
+    made = replace(made, bodies=(lower, replace(upper, young=moduli[0], poisson=moduli[1])))
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    model = hhr.condense(full, fields=True)
+    hhr.save_model(tmp_path / "model.npz", model)
+    again = hhr.load_model(tmp_path / "model.npz")
+    exact = 1e-9 if moduli[0] == "E" else 1e-5
+    for point in full.parameters.random(6, seed=2):
+        found, expected = model.solve(point), full.solve(point)
+        assert np.linalg.norm(found.forces() - expected.forces()) < exact * np.linalg.norm(expected.forces())
+        moved = expected.displacement()
+        assert np.linalg.norm(found.displacement() - moved) < 10 * max(exact, 1e-7) * np.linalg.norm(moved)
+        assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
+        assert np.array_equal(again.solve(point).multipliers, found.multipliers)
+    assert slope_errors(model, [5.0, 900.0], step=1e-4).max() < 1e-5
+
+
+@needs("shapes", "moduli")
+def test_beside_a_shape(tmp_path):
+    """On the mesh of a shape the answer is that of a scene with this mesh; a body that changes itself is refused."""
+    crowned = hhr.Shape(blocks.LOWER, ("x", "y * (1 + c * (x - 0.5)**2)"))
+    made = lying(cells=(6, 3), tilt=0.2, parameters=space(p=(1.0, 10.0), c=(-0.02, 0.02)), shapes=(crowned,))
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    model = hhr.condense(full, fields=True)
+    for point in ([3.0, 0.015], [8.0, -0.01]):
+        expected = hhr.FullOrderModel(meshed(made, point), MPI.COMM_SELF).solve(point)
+        for one, tolerance in ((full, 1e-9), (model, 1e-4)):
+            found = one.solve(point)
+            assert found.forces() == pytest.approx(expected.forces(), abs=tolerance * expected.forces().max())
+            moved = expected.displacement()
+            assert np.abs(found.displacement() - moved).max() < 10 * tolerance * np.abs(moved).max()
+            assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
+    assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
+    itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
+    with pytest.raises(
+        SceneError, match="contacts that alone hold a body .* built in for bodies that keep their shape"
+    ):
+        hhr.FullOrderModel(itself, MPI.COMM_SELF)
