@@ -128,9 +128,6 @@ class Reshaping(Protocol):
     def touching(self) -> ContactProblem:
         """The problem in the middle of the box, whose B has entries wherever it has some at a shape of the box."""
 
-    def check_reduced(self, full: Any) -> None:
-        """Raise NotOfferedError for a full model whose hyper-reduction is not built in."""
-
     def system(self, problem: ContactProblem, *makers: Any) -> Any:
         """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
 

@@ -17,6 +17,8 @@ from hhr_dolfinx.plugins.moduli.interpolate import grown, round_off_of_gaps
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, interpolated_problem
 from hhr_dolfinx.plugins.moduli.interpolation import unstacked
 from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem, ReshapedElimination
+from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
+from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 from hhr_dolfinx.plugins.shapes.reduced import ReshapedReconstruction
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.projection import open_conditions
@@ -107,6 +109,6 @@ def _fields(draft: Draft) -> ReshapedReconstruction:
     grid, _ = grown(solved, problem.parameters, reshaped.axes, SHAPE_GRID, round_off=closed)
     given = {item.name: getattr(draft.fields, item.name) for item in fields(Reconstruction)}
     outputs = full.functionals
-    if outputs is not None:
-        given["functionals"] = reshaped.interpolated_outputs(outputs, problem, draft.basis, SHAPE_GRID)
+    if isinstance(outputs, FullShapeFunctionals):
+        given["functionals"] = reshaped_functionals(outputs, problem, draft.basis, SHAPE_GRID)
     return ReshapedReconstruction(**given, surface=grid.interpolant)

@@ -232,21 +232,6 @@ class Reshaped:
             total = total + abs(self(point).contact)
         return replace(self._base, contact=csr_matrix(total))
 
-    def check_reduced(self, full: Any) -> None:
-        """See :class:`~hhr_dolfinx.contact.problem.Reshaping`."""
-        if full.equilibrium is not None:
-            raise NotOfferedError(
-                f"hyper-reduction of scene '{full.scene.name}' is not built in: laws of bodies are evaluated at points "
-                "of the RID, whose strain per mode and weights change with the shape. Give the shape numbers, or march "
-                "in full"
-            )
-        if full.problem.kernel is not None:
-            raise NotOfferedError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and their rigid motions, which are modes of "
-                "a reduced model, change with the shape: hyper-reduction is not built in for these. Hold the bodies, or "
-                "take the full model"
-            )
-
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
         """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""
         if any(hasattr(term.amplitude, "points") for term in terms) and self._moving_nodes()[nodes].any():
