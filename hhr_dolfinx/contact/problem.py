@@ -125,6 +125,9 @@ class Reshaping(Protocol):
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """The problem in the middle of the box with this in ``reshaped``."""
 
+    def touching(self) -> ContactProblem:
+        """The problem in the middle of the box, whose B has entries wherever it has some at a shape of the box."""
+
     def system(self, problem: ContactProblem, *makers: Any) -> Any:
         """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
 

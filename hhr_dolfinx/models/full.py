@@ -235,6 +235,5 @@ class FullModel(AnsweringModel, ElasticFields):
 
 
 def plain_outputs(full: FullModel) -> Functionals | None:
-    """Outputs of a scene without shape parameters, which are plain data; None if it has none."""
-    assert full.problem.reshaped is None
-    return cast("Functionals | None", full.functionals)
+    """Outputs of a scene as plain data; None without any, and if shapes are parameters, which change them."""
+    return None if full.problem.reshaped is not None else cast("Functionals | None", full.functionals)

@@ -89,6 +89,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Number of conditions on the whole contact surface, N_lambda."""
         return len(self.gaps)
 
+    def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``gaps`` and ``contact_basis`` at a point, (P,): the same where no parameter changes the shape."""
+        return self.gaps, self.contact_basis
+
     def _slack(self, theta: Thetas, unknown: np.ndarray) -> np.ndarray:
         """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each."""
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
@@ -165,7 +169,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
-        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
+        gaps, contact_basis = self._surface(answer.parameter)
+        slack = gaps[outside] @ theta - contact_basis[outside] @ answer.unknown
         open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
@@ -192,7 +197,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         outside, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
-        slack = self.gaps[outside] @ changes - self.contact_basis[outside] @ gradient.unknown
+        slack = self._slack_changes(answer, changes, outside)
         opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
         combined = penalised @ fit.weights
         m = len(self.A_lambda)
@@ -204,6 +209,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         forces = self.force_snapshots[:, used] @ weights
         forces[self.A_lambda] = gradient.multipliers
         return forces
+
+    def _slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Derivatives of the slack of some conditions, (n, P), from those of θ and of gamma."""
+        assert answer.gradient is not None
+        gaps, contact_basis = self._surface(answer.parameter)
+        return gaps[rows] @ changes - contact_basis[rows] @ answer.gradient.unknown
 
     def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
         return rows @ self.basis
@@ -248,9 +259,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray, Memory]:
         """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator of forces."""
-        theta = self.amplitudes(answer.parameter)
-        slack = self._slack(theta, answer.unknown[None])[0]
-        return answer.multipliers, slack, self.gap_scale, answer.memory
+        gaps, contact_basis = self._surface(answer.parameter)
+        slack = driven(gaps, self.amplitudes(answer.parameter)) - answer.unknown[None] @ contact_basis.T
+        return answer.multipliers, slack[0], self.gap_scale, answer.memory
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Estimates of many answers at once; None if they are made one by one."""

@@ -24,6 +24,7 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
+from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
@@ -95,6 +96,7 @@ class Draft:
     enrichment: Enrichment = field(init=False)
     reduced: ReducedProblem = field(init=False)  # the projected arrays
     flow: ReducedLaws | None = None  # laws of bodies on the RID; None for elastic bodies
+    compliances: Elimination | None = None  # of gamma at any parameter; None for that of the projected arrays
     stability: Stability = field(init=False)
     fields: Reconstruction = field(init=False)  # of answers
     model: ReducedModel = field(init=False)
@@ -203,12 +205,11 @@ def check_given(full: FullModel, snapshots: Any, recipe: object, held_out: Snaps
     problem.require_parts("hyper-reduction")
     if problem.law.plugin:
         completed(full)
-    if problem.reshaped is not None:
-        better = "give the shapes numbers, or take the full model"
-        if full.equilibrium is None:
-            better = "condensation is quicker there, and a million times as exact. Condense the scene, "
-            better += "hhr.condense(scene), or hhr.train(scene, ...).condense()"
-        raise NotOfferedError(f"hyper-reduction is not offered where shapes are parameters: {better}")
+    if problem.reshaped is not None and full.equilibrium is not None:
+        raise NotOfferedError(
+            "hyper-reduction is not built in for bodies with laws whose shape depends on parameters: weights of points "
+            "and strains of modes change with the shape"
+        )
     for name, solutions in (("snapshots", snapshots), *([] if held_out is None else [("held_out", held_out)])):
         check_of_problem(name, solutions, problem)
         if full.equilibrium is not None:
@@ -345,9 +346,11 @@ def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
 def choose_domain(draft: Draft) -> None:
     """The RID, which all loads of the training reach."""
     shared = draft.shared
+    problem = shared.full.problem
     with shared.log.stage("rid", shared.task.announce):
-        draft.sets = reduced_domain(shared.full.problem, shared.nodes, draft.layers)
-        check_loads_seen(shared.full.problem, draft.sets, shared.snapshots.points)
+        touching = problem if problem.reshaped is None else problem.reshaped.touching()
+        draft.sets = reduced_domain(touching, shared.nodes, draft.layers)
+        check_loads_seen(problem, draft.sets, shared.snapshots.points)
 
 
 def enrich_basis(draft: Draft) -> None:
@@ -429,7 +432,8 @@ def assemble(draft: Draft) -> None:
     known = shared.snapshots.known_statuses(draft.sets.A_lambda) if elastic else None
     with shared.log.stage("online_arrays", shared.task.announce):
         trained = TrainedRange.of(shared.snapshots.points, space) if elastic else None
-        draft.model = ReducedModel(draft.reduced, space, draft.fields, trained, known=known, flow=draft.flow)
+        parts = draft.reduced, space, draft.fields, trained
+        draft.model = ReducedModel(*parts, known=known, flow=draft.flow, compliances=draft.compliances)
 
 
 def start_along(draft: Draft) -> None:

@@ -387,7 +387,7 @@ def as_reductor(given: Any) -> Reductor | None:
 OWN = (
     Way("hhr_dolfinx.reduction.exact:ExactCondensation",
         lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
-    Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: full.problem.reshaped is None),
+    Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: True),
 )  # fmt: skip
 """Reductors of the core, by place."""
 

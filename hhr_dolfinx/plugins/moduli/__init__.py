@@ -16,6 +16,10 @@ def _wanted(full: FullModel, recipe: object = None) -> bool:
     return full.equilibrium is None and full.problem.varies
 
 
+def _of_one_shape(full: FullModel, recipe: object) -> bool:
+    return _wanted(full) and full.problem.reshaped is None
+
+
 PLUGIN = Plugin(
     name="moduli",
     needs=("differences",),
@@ -26,6 +30,6 @@ PLUGIN = Plugin(
         f"{_HERE}.shaped": "InterpolatedProblem ReshapedElimination",
     },
     reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
-    stages=(Stage(f"{_HERE}.interpolate_reduced:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),
+    stages=(Stage(f"{_HERE}.interpolate_reduced:interpolate", "hhr_dolfinx.reduction.build:assemble", _of_one_shape),),
     bounds=(Bounds(f"{_HERE}.bounding:bounding", _wanted),),
 )

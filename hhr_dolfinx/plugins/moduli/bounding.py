@@ -78,7 +78,15 @@ def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: 
 
 
 def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
-    """Bounds for a basis, see :func:`varying_bound`; forces outside the RID do not matter."""
+    """Bounds for a basis, see :func:`varying_bound`; forces outside the RID do not matter.
+
+    BoundError if shapes are parameters.
+    """
+    if full.problem.reshaped is not None:
+        raise BoundError(
+            "the bound takes S of all contact conditions at each shape, which is the condensed model: "
+            "hhr.condense(scene) has the bound, if it offers the scene"
+        )
     return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
 
 

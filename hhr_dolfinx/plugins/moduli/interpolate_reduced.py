@@ -6,6 +6,7 @@ parameters as K~. A sparse grid of a dozen factorisations of K~ replaces one for
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -83,14 +84,21 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
 
 
 def interpolated_problem(
-    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, settings: GridSettings
-) -> InterpolatedProblem:
-    """Interpolate a projected problem over the parameters of a shape, for the fields of other models."""
+    problem: ContactProblem,
+    basis: np.ndarray,
+    sets_at: Callable[[ContactProblem], IndexSets],
+    settings: GridSettings,
+) -> tuple[InterpolatedProblem, float]:
+    """Interpolate a projected problem over the parameters of a shape, with the surplus of the terms tried last.
+
+    ``sets_at`` returns the index sets for the problem of a shape, whose surfaces may face each other elsewhere.
+    """
     reshaped = problem.reshaped
     assert reshaped is not None
 
     def terms_of(there: ContactProblem) -> tuple[ReducedProblem, ReducedTerms]:
-        reduced = project(replace(there, kernel=None), basis, sets)  # the basis has no motions
+        # the basis has no motions
+        reduced = project(replace(there, kernel=None), basis, sets_at(there))
         if reduced.terms is not None:
             return reduced, reduced.terms
         one = Modulus("1", "1", problem.parameters.names)
@@ -117,7 +125,7 @@ def interpolated_problem(
     closed = {"gaps": round_off_of_gaps(problem)}
     grid, modes = grown(solved, problem.parameters, reshaped.axes, settings, round_off=closed)
     shapes = tuple(part.shape[:-1] for part in modes.values())
-    return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
+    return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes), grid.surplus
 
 
 def whole_problem(
@@ -130,7 +138,7 @@ def whole_problem(
     sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
     if problem.reshaped is None:
         return project(problem, basis, sets)
-    return interpolated_problem(problem, basis, sets, settings)
+    return interpolated_problem(problem, basis, lambda there: sets, settings)[0]
 
 
 def interpolate(draft: Draft) -> None:

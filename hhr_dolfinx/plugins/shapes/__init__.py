@@ -1,8 +1,20 @@
 """Bodies whose shape depends on parameters: a mesh that moves, and outputs on it."""
 
-from hhr_dolfinx.registry import Plugin
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.registry import Plugin, Stage
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
 
 _HERE = "hhr_dolfinx.plugins.shapes"
+
+
+def _reshaped(full: FullModel, recipe: object) -> bool:
+    return full.problem.reshaped is not None
+
 
 PLUGIN = Plugin(
     name="shapes",
@@ -11,8 +23,10 @@ PLUGIN = Plugin(
     classes={
         f"{_HERE}.cells": "Middles MovingCells",
         f"{_HERE}.functionals": "MovingMises ReshapedFunctionals Zone",
+        f"{_HERE}.reduced": "ReshapedReconstruction",
         f"{_HERE}.shape": "Shape",
     },
+    stages=(Stage(f"{_HERE}.reduction:interpolate", "hhr_dolfinx.reduction.build:reconstruct", _reshaped),),
     tools={"shapes": f"{_HERE}.reshaped:Reshaped"},
     switches={f"{_HERE}.switches": "shape"},
 )

@@ -36,6 +36,8 @@ MOST_BYTES = 5e8
 """Memory for problems of previous shapes."""
 TRIED = 32
 """Number of points, in addition to the corners of the box, at which maps are checked."""
+CORNERS = 33
+"""Most shapes at which it is looked which nodes face each other, the middle of the box and corners of it."""
 
 
 DIFFERENCE = 1e-5
@@ -223,6 +225,16 @@ class Reshaped:
                     f"{what} of scene '{self._owner.scene.name}' act on a body whose shape depends on parameters: that "
                     "is built in for bodies that keep their shape"
                 )
+
+    def touching(self) -> ContactProblem:
+        """See :class:`~hhr_dolfinx.contact.problem.Reshaping`; by shapes in corners of the box."""
+        assert self._base is not None
+        total = abs(self._base.contact)
+        corners = box_samples(self._base.parameters, 1)[:-1]
+        _, first = np.unique(corners[:, list(self.axes)], axis=0, return_index=True)
+        for point in corners[np.sort(first)[:CORNERS]]:
+            total = total + abs(self(point).contact)
+        return replace(self._base, contact=csr_matrix(total))
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
         """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""

@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, beside and with laws of plasticity and creep, shapes, moduli and laws of contacts."""
+"""Bodies that contact alone holds beside and with laws of plasticity and creep, shapes, moduli, laws of contacts."""
 
 from dataclasses import replace
 
@@ -195,6 +195,6 @@ def test_beside_a_shape(tmp_path):
     assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
     itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
     with pytest.raises(
-        SceneError, match="contacts that alone hold a body .* built in for bodies that keep their shape"
+        SceneError, match=r"contacts that alone hold a body .* built in for bodies that keep their shape"
     ):
         hhr.FullOrderModel(itself, MPI.COMM_SELF)

@@ -10,7 +10,7 @@ from needs import present
 from scenes import block_scene, meshed, slope
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import coordinate_names
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
@@ -222,11 +222,6 @@ def test_a_model_file_keeps_them(condensed, tmp_path):
     found, expected = (item.outputs(point, gradient=True) for item in (loaded, model))
     assert found.values == expected.values and found.units == expected.units
     assert all(np.array_equal(found.gradient[name], expected.gradient[name]) for name in expected)
-
-
-def test_hyper_reduction_is_refused_where_shapes_are_parameters():
-    with pytest.raises(NotOfferedError, match=r"shapes are parameters: .*hhr\.condense"):
-        hhr.train(crowned("plane_strain"), hhr.Sobol(4), held_out=1).build()
 
 
 @dataclasses.dataclass(frozen=True)

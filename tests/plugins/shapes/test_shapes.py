@@ -315,17 +315,14 @@ def test_several_ranks_are_refused():
 
 
 @needs("studies")
-def test_a_study_of_shapes_measures_the_condensed_model(tmp_path):
-    """Hyper-reduction is refused, with its reason; p = E (push - gap) / (2 h) over 1.5 w is what both models answer."""
+def test_a_study_of_shapes_measures_both_models_and_advises_the_condensed_one(tmp_path):
+    """p = E (push - gap) / (2 h) over 1.5 w is what both answer; S of four conditions interpolates."""
     settings = hhr.StudySettings(hhr.Sobol(8), held_out=4, tests=4, queries=7, naive=False)
     study = hhr.study_scene(tall_block(), settings, tmp_path)
     report = study.report
-    assert report["work_precision"][0]["method"] == "condensed" and report["advised"] == "condensed"
-    assert report["errors"]["dual_full_floored"]["max"] < 1e-6
-    assert report["models"]["condensed"]["errors"]["dual_full_floored"]["n"] == 4
-    assert report["break_even"]["forces"] is None or report["break_even"]["forces"] > 0
-    assert [item["stage"] for item in report["skipped"]].count("hyper-reduction") == 1
-    assert "shapes are parameters" in report["advice"]
+    assert [item["method"] for item in report["work_precision"]][:2] == ["HHR", "condensed"]
+    assert report["advised"] == "condensed" and "thousand" in report["advice"]
+    assert report["errors"]["dual_full_floored"]["max"] < 1e-4 and report["errors"]["dual_full_floored"]["n"] == 4
     point = {"push": 0.05, "w": 0.7, "h": 1.6}
     view = hhr.View((tuple(point.values()),), lambda places: places[:, 0], "x", (1, "u_y"))
     study.write(tmp_path, view=view)
