@@ -324,5 +324,5 @@ def test_shapes_of_inelastic_bodies_are_those_of_their_meshes(hypothesis, tmp_pa
         varying.march(path(*AT, -0.08), dataclasses.replace(NEWTON, gradient=True))
     with pytest.raises(ReductionError, match="shapes of the scene are parameters, with which"):
         condensed(varying, [found])
-    with pytest.raises(NotOfferedError, match=r"where shapes are parameters: give the shapes numbers"):
+    with pytest.raises(NotOfferedError, match=r"not built in for bodies with laws whose shape depends"):
         hhr.build(varying, hhr.SnapshotSet.of_histories([found]), hhr.Recipe.flowing())
