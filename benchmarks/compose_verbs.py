@@ -295,8 +295,13 @@ def gradient(case: Case) -> float:
     lower, upper = np.array(case.full.parameters.lower), np.array(case.full.parameters.upper)
     found = [np.asarray(outputs.gradient[name]) * (upper - lower) for name in OUTPUTS]
     closed = contact_of(history.answers)
-    expected = np.transpose([slopes(case, closed, width) for width in np.diag(upper - lower)])
-    error = max(difference([one], [other]) for one, other in zip(found, expected, strict=True))
+    error = np.inf
+    for steps in (STEPS[k:] for k in range(len(STEPS))):  # a point may yield within a longer step
+        columns = [slopes(case, closed, width, steps) for width in np.diag(upper - lower)]
+        pairs = zip(found, np.transpose(columns), strict=True)
+        error = min(error, max(difference([one], [other]) for one, other in pairs))
+        if error <= SLOPES:
+            break
     if error > SLOPES and getattr(outputs, "one_sided", False):
         raise Unknown(f"derivatives are told to be one-sided; differences are {error:.2g} off")
     return require(error, SLOPES, "derivatives of outputs")
@@ -307,13 +312,13 @@ def contact_of(answers: Sequence[Any]) -> np.ndarray:
     return np.array([np.sign(answer.forces()) for answer in answers])
 
 
-def slopes(case: Case, closed: np.ndarray, width: np.ndarray) -> np.ndarray:
+def slopes(case: Case, closed: np.ndarray, width: np.ndarray, steps: Sequence[float] = STEPS) -> np.ndarray:
     """Derivatives of outputs along a range, (P,), times that range, by a step that meets no kink.
 
     Raises:
         Unknown: if contacts open or close within the smallest step.
     """
-    for step in STEPS:
+    for step in steps:
         ends = []
         for sign in (1.0, -1.0):
             moved = [(time, point + sign * step * width) for time, point in case.path]

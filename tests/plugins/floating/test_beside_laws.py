@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, beside and with laws of plasticity and creep, shapes, moduli and laws of contacts."""
+"""Bodies that contact alone holds, with laws of their own and beside laws, shapes, moduli and laws of contacts."""
 
 from dataclasses import replace
 
@@ -12,8 +12,14 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError, UndeterminedWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 
-pytestmark = [needs("inelastic"), pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")]
+pytestmark = [
+    needs("inelastic"),
+    pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0"),
+    pytest.mark.filterwarnings("ignore:parameters .* have no effect"),
+]
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, relative_force=1e-10, floor_stress=1e-8)
+ON_SPRINGS = hhr.MarchSettings("tangent", relative_stress=1e-8, relative_force=1e-8, floor_stress=1e-8)
+"""Tolerances that a body on a spring of 1e-6 of its stiffness reaches; tighter ones are below its round-off."""
 PATH = [(0.0, np.array([1.0])), (1.0, np.array([4.0])), (2.0, np.array([9.0])), (3.0, np.array([6.0]))]
 LAWS = {
     "plasticity": lambda: hhr.Plasticity(6.0, 100.0),
@@ -24,7 +30,7 @@ HELD, LOOSE, BOTH = (True, False), (False, True), (True, True)
 
 def flowing(law, which, **changes):
     """The block that lies on another one; the laws of the lower one, of the loose one, or of both."""
-    made = lying(tilt=0.2, cells=(6, 3), **changes)
+    made = lying(tilt=0.2, cells=(6, 3), **({"parameters": space(p=(0.5, 12.0))} | changes))
     bodies = zip(made.bodies, which, strict=True)
     return replace(made, bodies=tuple(replace(body, law=LAWS[law]()) if own else body for body, own in bodies))
 
@@ -43,8 +49,8 @@ def on_springs(made, stiffness):
 def test_histories_are_the_limit_of_weak_springs(law, which):
     """Forces and their moment balance the loads to 1e-10, and answers are what two springs extrapolate to.
 
-    Springs of 1e-8 and 1e-10 of Young's modulus change answers in proportion: their line ends at no spring. Round-off
-    of a body on a spring of 1e-10 is 1e-16 over 1e-10, so that 1e-5 is asked for; without any spring it would be zero.
+    Springs of 1e-5 and 1e-6 of Young's modulus change answers in proportion: their line ends at no spring, up to the
+    square of 1e-5 and to round-off over 1e-6. Weaker ones lose the digits of S: 1e-8 alone is 7e-8 off, 1e-10 4e-6.
     """
     made = flowing(law, which)
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
@@ -59,13 +65,13 @@ def test_histories_are_the_limit_of_weak_springs(law, which):
         assert answer.undetermined is None
     assert found[-1].plastic_strain().max() > 1e-4
     (weak, weaker) = (
-        hhr.FullOrderModel(on_springs(made, ratio * 1000.0), MPI.COMM_SELF).march(PATH, TIGHT).answers
-        for ratio in (1e-8, 1e-10)
+        hhr.FullOrderModel(on_springs(made, ratio * 1000.0), MPI.COMM_SELF).march(PATH, ON_SPRINGS).answers
+        for ratio in (1e-5, 1e-6)
     )
     for answer, one, other in zip(found, weak, weaker, strict=True):
         for read in (lambda a: a.forces(), lambda a: a.stress(), lambda a: a.plastic_strain()):
-            limit = read(other) + (read(other) - read(one)) / 99
-            assert np.abs(read(answer) - limit).max() < 1e-5 * np.abs(limit).max()
+            limit = read(other) + (read(other) - read(one)) / 9
+            assert np.abs(read(answer) - limit).max() < 1e-8 * np.abs(limit).max()
 
 
 def block_on_a_floor(law, *, held):
@@ -73,13 +79,17 @@ def block_on_a_floor(law, *, held):
     over, bottom = blocks.UPPER, blocks.interface(blocks.UPPER, 2)
     made = lying(bulge=0.0, cells=(4, 4))
     lower, upper = made.bodies
-    clamp = hhr.Displacement(bottom, 1) if held else None
+    clamp = hhr.Displacement(bottom, 1), hhr.Displacement(hhr.Nodes.near((0.5, _height())), 0)
     top = blocks.outer_end(over, 2)
     return replace(
         made,
         bodies=(lower, replace(upper, law=law)),
-        contacts=(hhr.Obstacle(bottom, (0.0, -1.0), 10.0 if held else 0.0 - _height()),),
-        displacements=(*made.displacements, *((clamp,) if held else ())),
+        contacts=(
+            hhr.Obstacle(blocks.interface(blocks.LOWER, 2), (0.0, 1.0), 10.0)
+            if held
+            else hhr.Obstacle(bottom, (0.0, -1.0), -_height()),
+        ),
+        displacements=(*made.displacements, *(clamp if held else ())),
         loads=(hhr.Pressure(top, slope("p")),),
     )
 
@@ -91,15 +101,14 @@ def _height():
     return float(full.problem.contact_points[:, 1].mean())
 
 
+@needs("places")
 @pytest.mark.parametrize("law", LAWS)
 def test_a_loose_block_flows_under_a_pressure_as_one_that_is_held(law):
     """All of it is pressed alike: supports of its side are the floor, and each force is the pressure of its node.
 
     The stress is -p across and zero along, whatever the law.
     """
-    loose, held = (
-        hhr.FullOrderModel(block_on_a_floor(LAWS[law](), held=one), MPI.COMM_SELF) for one in (False, True)
-    )
+    loose, held = (hhr.FullOrderModel(block_on_a_floor(LAWS[law](), held=one), MPI.COMM_SELF) for one in (False, True))
     assert loose.problem.held_by_contact and not held.problem.held_by_contact
     for (_, point), one, other in zip(
         PATH[1:], loose.march(PATH, TIGHT).answers, held.march(PATH, TIGHT).answers, strict=True
@@ -130,7 +139,7 @@ def test_hyper_reduced_histories(law, tmp_path):
     """Forces balance the loads to round-off in a reduced model too, which a file answers alike."""
     made = flowing(law, BOTH)
     paths = [[(t, share * p) for t, p in PATH] for share in (1.0, 1.1, 0.9)]
-    training = hhr.train(replace(made, parameters=space(p=(0.5, 12.0))), paths, held_out=0, comm=MPI.COMM_SELF)
+    training = hhr.train(made, paths, held_out=0, comm=MPI.COMM_SELF)
     model = training.build()
     assert model.problem.motions == 2
     path = [(t, 0.95 * p) for t, p in PATH]
@@ -196,5 +205,7 @@ def test_beside_a_shape(tmp_path):
             assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
     assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
     itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
-    with pytest.raises(SceneError, match="contacts that alone hold a body .* built in for bodies that keep their shape"):
+    with pytest.raises(
+        SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"
+    ):
         hhr.FullOrderModel(itself, MPI.COMM_SELF)

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning, UndeterminedWarning
+from hhr_dolfinx.errors import NotSolvableError, SceneWarning, UndeterminedWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
