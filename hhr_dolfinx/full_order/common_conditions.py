@@ -124,9 +124,7 @@ class CommonConditions:
         beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
         one = touched[beside.row]
         other = touched[beside.col]
-        areas = self.given.rows.areas
-        # rows without an area have no pressure, such as single dofs of surfaces that slide
-        apart = (one < other) & (pairs[one] != pairs[other]) & (areas[one] + areas[other] > 0)
+        apart = (one < other) & (pairs[one] != pairs[other])
         return one[apart], other[apart]
 
     def _alike(self, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
