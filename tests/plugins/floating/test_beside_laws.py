@@ -1,15 +1,18 @@
 """Bodies that contact alone holds, with laws of their own and beside laws, shapes, moduli and laws of contacts."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
 from scenes import lying, meshed, slope, slope_errors, space
+from toy_system import Parted
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, SceneError, UndeterminedWarning
+from hhr_dolfinx import registry
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, UndeterminedWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 
 pytestmark = [
@@ -72,6 +75,27 @@ def test_histories_are_the_limit_of_weak_springs(law, which):
         for read in (lambda a: a.forces(), lambda a: a.stress(), lambda a: a.plastic_strain()):
             limit = read(other) + (read(other) - read(one)) / 9
             assert np.abs(read(answer) - limit).max() < 1e-8 * np.abs(limit).max()
+
+
+@needs("friction", "places")
+def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
+    """Tangential forces hold the third motion; the law of the contacts is any that solves for a slack."""
+    made = flowing("plasticity", BOTH)
+    surfaces = (blocks.interface(body, 2) for body in (blocks.LOWER, blocks.UPPER))
+    pressed = hhr.Traction(blocks.outer_end(blocks.UPPER, 2), (0.15, -1.0), slope("p"))
+    pair = hhr.NodeToNode(*surfaces, (0.0, 1.0), friction=0.4)
+    made = replace(made, contacts=(pair,), loads=(pressed, made.loads[1]))
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    assert full.problem.kernel.motions.shape[1] == 3
+    found, weak, weaker = (
+        one.march(PATH[:3], ON_SPRINGS).answers
+        for one in (full, *(hhr.FullOrderModel(on_springs(made, k), MPI.COMM_SELF) for k in (1e-2, 1e-3)))
+    )
+    for (_, point), answer, one, other in zip(PATH[1:], found, weak, weaker, strict=False):
+        pressing = full.law.pressing(answer.forces().size)
+        assert np.abs(answer.forces()[~pressing]).sum() > 0.1 * point[0]
+        limit = other.forces() + (other.forces() - one.forces()) / 9
+        assert np.abs(answer.forces() - limit).max() < 1e-6 * limit.max()
 
 
 def block_on_a_floor(law, *, held):
@@ -166,6 +190,45 @@ def test_motions_that_nothing_determines_are_least_and_warned_of():
     assert answer.undetermined.shape[1] == expected.undetermined.shape[1]
 
 
+def test_a_loose_block_wears_a_floor(monkeypatch):
+    """The template of a law that solves for no motions by itself does by its range: depth = constant p t, by hand."""
+    import my_contact_law
+
+    every = {**registry.installed(), "my_contact_law": my_contact_law.PLUGIN}
+    monkeypatch.setattr(registry, "installed", lambda: every)
+    for name in ("facet", "memories"):
+        monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
+    made = block_on_a_floor(None, held=False)
+    made = replace(made, contacts=(replace(made.contacts[0], law=my_contact_law.Wear(0.001)),))
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    condensed = hhr.condense(full, fields=True)
+    for model in (full, condensed):
+        found = model.march([(0.0, [1.0]), (1.0, [4.0]), (3.0, [4.0]), (7.0, [9.0])]).answers
+        for answer, pressure, worn in zip(found, (4.0, 4.0, 9.0), (4.0, 12.0, 48.0), strict=True):
+            assert answer.forces() == pytest.approx(pressure * full.problem.contact_areas, rel=1e-9)
+            assert answer.memory["worn"] == pytest.approx(0.001 * worn, rel=1e-9)
+            # the block sinks by what it wears: its side on the floor is straight
+            sunk = full.problem.contact @ answer.displacement()
+            assert sunk == pytest.approx(answer.memory["worn"], rel=1e-8)
+
+
+@needs("moduli")
+def test_a_foundation_that_may_vanish():
+    """At k = 0 it holds no body and K is singular: S grows without limit there, and nothing interpolates it."""
+    made = replace(lying(parameters=space(p=(1.0, 10.0), k=(0.0, 0.5))), system=Parted)
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    assert full.solve([4.0, 0.1]).converged
+    with pytest.raises(
+        NotSolvableError, match=r"k = 0 nothing but contact holds body 2 .* moves along axis 1.* Narrow the box"
+    ):
+        hhr.condense(full)
+    narrow = replace(made, parameters=space(p=(1.0, 10.0), k=(0.1, 0.5)))
+    model = hhr.condense(narrow)
+    answer = model.solve([4.0, 0.2])
+    expected = hhr.FullOrderModel(narrow, MPI.COMM_SELF).solve([4.0, 0.2]).forces()
+    assert answer.forces() == pytest.approx(expected, abs=1e-5 * expected.max())
+
+
 @needs("moduli")
 @pytest.mark.parametrize("moduli", [("E", 0.3), (1000.0, "0.25 + E / 10000")], ids=["young", "poisson"])
 def test_condensed_moduli(moduli, tmp_path):
@@ -205,7 +268,5 @@ def test_beside_a_shape(tmp_path):
             assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
     assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
     itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
-    with pytest.raises(
-        SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"
-    ):
+    with pytest.raises(SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"):
         hhr.FullOrderModel(itself, MPI.COMM_SELF)
