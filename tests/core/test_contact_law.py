@@ -231,8 +231,8 @@ def test_laws_of_several_classes_are_not_read_by_one_of_them(wear):
 
 
 @needs("floating", "friction", "shapes")
-def test_scenes_that_it_is_not_made_for_are_refused(wear):
-    """Its rates are divided by areas of one shape, and it does not solve for motions of bodies."""
+def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
+    """Its rates are divided by areas of one shape, and without its range nothing solves for motions of bodies."""
     with pytest.raises(SceneError, match="several laws, friction, law"):
         scene(law=wear, friction=0.3)
     made, lid = scene(law=wear), block.side(1, upper=True)
@@ -242,7 +242,10 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear):
         (free, r"contact alone holds bodies .* wear, does not solve for their motions"),
         ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, and shapes depend on"),
     ):
-        with pytest.raises(SceneError, match=why):
+        alone = dataclasses.replace(PLUGIN, facets={"steps": PLUGIN.facets["steps"]})
+        every = {**registry.installed(), "my_contact_law": alone}
+        with monkeypatch.context() as patched, pytest.raises(SceneError, match=why):
+            patched.setattr(registry, "installed", lambda every=every: every)
             hhr.FullOrderModel(dataclasses.replace(made, **changes))
 
 

@@ -18,10 +18,12 @@ from hhr_dolfinx.errors import (
     BoundError,
     ConvergenceError,
     NotOfferedError,
+    NotSolvableError,
     ReductionError,
     SceneWarning,
     StabilityWarning,
 )
+from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
@@ -218,6 +220,8 @@ class Condensation(Reductor[_Prepared]):
                 "interpolated condensation is for elastic bodies that vary; take exact_condensation"
             )
         _check_motions(problem)
+        if full.scene.system is not None:
+            _check_supports(full)
         if task.snapshots is not None:
             check_of_problem("snapshots", task.snapshots, problem)
 
@@ -308,6 +312,24 @@ def _check_motions(problem: ContactProblem) -> None:
                 "contact alone holds bodies, and a shape changes the directions in which it does: the balance of these "
                 f"bodies is exact in every model, and interpolated it would not be. Take the full model: "
                 f"{kernel.described}"
+            )
+
+
+def _check_supports(full: FullModel) -> None:
+    """Refuse a user-defined system that leaves motions at a corner of the box and not in the middle."""
+    from hhr_dolfinx.full_order.free_bodies import described, free_bodies, unresisted
+
+    problem: ContactProblem = full.problem
+    if problem.kernel is not None:
+        return
+    loose = free_bodies(full.scene, problem, full.discretisation.cell_bodies(), full.discretisation.springs)
+    for point in box_samples(problem.parameters, 1) if loose else ():
+        left = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
+        if left:
+            raise NotSolvableError(
+                f"at {problem.parameters.described(point)} nothing but contact holds {left[0].name} which "
+                f"{described(left[0], left[0].left)} there: K is singular at this corner of the box, and S grows "
+                "without limit towards it, so that nothing interpolates it. Narrow the box"
             )
 
 

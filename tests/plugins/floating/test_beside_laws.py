@@ -8,10 +8,11 @@ import pytest
 from mpi4py import MPI
 from needs import needs
 from scenes import lying, meshed, slope, slope_errors, space
+from toy_system import Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import NotOfferedError, SceneError, UndeterminedWarning
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, UndeterminedWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 
 pytestmark = [
@@ -209,6 +210,23 @@ def test_a_loose_block_wears_a_floor(monkeypatch):
             # the block sinks by what it wears: its side on the floor is straight
             sunk = full.problem.contact @ answer.displacement()
             assert sunk == pytest.approx(answer.memory["worn"], rel=1e-8)
+
+
+@needs("moduli")
+def test_a_foundation_that_may_vanish():
+    """At k = 0 it holds no body and K is singular: S grows without limit there, and nothing interpolates it."""
+    made = replace(lying(parameters=space(p=(1.0, 10.0), k=(0.0, 0.5))), system=Parted)
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    assert full.solve([4.0, 0.1]).converged
+    with pytest.raises(
+        NotSolvableError, match=r"k = 0 nothing but contact holds body 2 .* moves along axis 1.* Narrow the box"
+    ):
+        hhr.condense(full)
+    narrow = replace(made, parameters=space(p=(1.0, 10.0), k=(0.1, 0.5)))
+    model = hhr.condense(narrow)
+    answer = model.solve([4.0, 0.2])
+    expected = hhr.FullOrderModel(narrow, MPI.COMM_SELF).solve([4.0, 0.2]).forces()
+    assert answer.forces() == pytest.approx(expected, abs=1e-5 * expected.max())
 
 
 @needs("moduli")
