@@ -294,8 +294,8 @@ def _check_system(scene: Scene) -> None:
         if parts is not None:
             weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
             product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))
-            again = at.stiffness.solve(product * prolongation.free)
-            _require(_near(again, prolongation.prolong(tried), ROUND_OFF), "parts")
+            back = at.stiffness.solve(product * prolongation.free)
+            _require(_near(back, prolongation.prolong(tried), ROUND_OFF), "parts")
     for reduced in (condense, lambda full: build(full, compute_snapshots(full, points))) if parts is None else ():
         try:
             reduced(full)

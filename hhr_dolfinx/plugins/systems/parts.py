@@ -54,7 +54,8 @@ def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name:
     """
     theta = problem.amplitudes(at.point)
     weights = problem.weights(at.point) if problem.moduli else np.ones(len(problem.stiffness_terms))
-    stated, sizes = 0.0 * matrix, abs(matrix)
+    stated = 0.0 * matrix
+    sizes = abs(matrix)
     for weight, part in zip(weights, problem.stiffness_terms, strict=True):
         stated = stated + weight * part
         sizes = sizes + abs(weight * part)
