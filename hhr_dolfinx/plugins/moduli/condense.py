@@ -210,8 +210,9 @@ class Condensation(Reductor[_Prepared]):
                 "interpolated condensation is for elastic bodies that vary; take exact_condensation"
             )
         if problem.kernel is not None:
+            why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
             raise NotOfferedError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+                f"{why} of scene '{full.scene.name}', and their elasticity depends on parameters: "
                 "interpolated condensation is not built in for these. Take "
                 + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
             )

@@ -356,6 +356,32 @@ def test_a_kernel_of_the_middle_alone_is_refused():
     assert full.solve([5.0, 1.0]).forces().sum() > 0
 
 
+class Upright(Parted):
+    """A foundation along the last axis alone: nothing resists motions sideways, which no load drives."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.mass.data[self.mass.indices % 2 != 1] = 0.0
+
+
+@needs("floating", "moduli", "differences")
+@pytest.mark.filterwarnings("ignore")
+def test_a_kernel_that_the_system_leaves_has_no_bound_and_says_so():
+    """It was said to be held by contact alone, and the foundation holds it; answers agree with full ones."""
+    box = space(p=(1.0, 10.0), k=(1.0, 20.0))
+    training = hhr.train(lying(cells=(4, 2), parameters=box, system=Upright), hhr.Sobol(24), held_out=4)
+    full = training.full_order
+    assert full.problem.kernel.idle.shape[1] == 1 and not full.problem.held_by_contact
+    model = training.build()
+    assert model.known_error.startswith("none: nothing resists some motions of bodies, and K")
+    for point in full.parameters.random(6, 5):
+        answer = model.solve(point, outside="ignore")
+        assert answer.estimate() is None
+        assert largest_difference(answer.forces(), full.solve(point).forces()) <= 1e-4
+    with pytest.raises(NotOfferedError, match="nothing resists some motions of bodies of scene 'floating'"):
+        training.condense()
+
+
 @needs("moduli")
 def test_a_weight_that_vanishes_in_the_middle_is_reduced():
     trained = hhr.train(joined(Vanishing), hhr.Sobol(32), held_out=4, comm=MPI.COMM_SELF)
