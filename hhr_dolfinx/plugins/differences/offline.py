@@ -131,8 +131,9 @@ def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     if full.equilibrium is not None:
         raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
     if problem.kernel is not None and not floating:
+        why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
         raise BoundError(
-            "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "
+            f"{why}, and K, whose inverse is in all errors, is singular along their motions: "
             + problem.kernel.described
         )
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # random vectors: no copies of K

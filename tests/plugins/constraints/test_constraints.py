@@ -244,8 +244,6 @@ def test_a_tie_of_nodes_and_mistakes():
             hhr.Tie(3, 4, pairing=pairing)
     with pytest.raises(SceneError, match="must be an integer or a name"):
         hhr.Tie(None, 3)
-    with pytest.raises(SceneError, match="a system of its own"):
-        replace(scene, system=lambda *_: None)
 
 
 def imposed_twice(young, box):

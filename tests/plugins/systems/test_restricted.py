@@ -12,14 +12,15 @@ from launched import launch
 from mpi4py import MPI
 from my_system import MySystem
 from needs import needs
-from scenes import largest_difference, lying, pressed_pair, slope_errors, space
-from scipy.sparse import csr_matrix
+from scenes import block_scene, largest_difference, lying, pressed_pair, slope_errors, space
+from scipy.sparse import csr_matrix, save_npz
 from toy_system import Foundation, Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ClaimError, NotOfferedError, NotSolvableError, SceneError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.system import System
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.models.estimates import NUMBERS, Estimate
 
@@ -355,6 +356,32 @@ def test_a_kernel_of_the_middle_alone_is_refused():
     assert full.solve([5.0, 1.0]).forces().sum() > 0
 
 
+class Upright(Parted):
+    """A foundation along the last axis alone: nothing resists motions sideways, which no load drives."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.mass.data[self.mass.indices % 2 != 1] = 0.0
+
+
+@needs("floating", "moduli", "differences")
+@pytest.mark.filterwarnings("ignore")
+def test_a_kernel_that_the_system_leaves_has_no_bound_and_says_so():
+    """It was said to be held by contact alone, and the foundation holds it; answers agree with full ones."""
+    box = space(p=(1.0, 10.0), k=(1.0, 20.0))
+    training = hhr.train(lying(cells=(4, 2), parameters=box, system=Upright), hhr.Sobol(24), held_out=4)
+    full = training.full_order
+    assert full.problem.kernel.idle.shape[1] == 1 and not full.problem.held_by_contact
+    model = training.build()
+    assert model.known_error.startswith("none: nothing resists some motions of bodies, and K")
+    for point in full.parameters.random(6, 5):
+        answer = model.solve(point, outside="ignore")
+        assert answer.estimate() is None
+        assert largest_difference(answer.forces(), full.solve(point).forces()) <= 1e-4
+    with pytest.raises(NotOfferedError, match="nothing resists some motions of bodies of scene 'floating'"):
+        training.condense()
+
+
 @needs("moduli")
 def test_a_weight_that_vanishes_in_the_middle_is_reduced():
     trained = hhr.train(joined(Vanishing), hhr.Sobol(32), held_out=4, comm=MPI.COMM_SELF)
@@ -459,3 +486,34 @@ def test_ranks_answer_alike(on_one, ranks):
         for one, other, full in zip(found[name], arrays, exact, strict=True):
             assert largest_difference(one, other) <= tolerance, name
             assert largest_difference(one, full) <= (1e-9 if "gathered" in name else 0.05), name
+
+
+def test_the_example_of_the_page(tmp_path):
+    """The stiffness of another code, with its own numbers of nodes, in the place of that of a body."""
+    page = (Path(__file__).parents[3] / "docs" / "systems.md").read_text("utf-8")
+    scope = {"__name__": "example"}
+    exec(page.partition("```python\n")[2].partition("```")[0], scope)
+    end = block.side(1, upper=True)
+    corners = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    given = {
+        "contacts": (hhr.Obstacle(block.side(1, upper=False), (0.0, -1.0), 0.01),),
+        "displacements": (hhr.Displacement(end, 1, hhr.Amplitude(slopes={"push": -1.0})),),
+        "constraints": (hhr.Equation(((corners[0], 0, 1.0), (corners[1], 0, 1.0))),),
+        "loads": (hhr.Springs(corners[0], 0, 0.1), hhr.Pressure(block.side(0, upper=True), 0.02)),
+    }
+    box = {"push": (0.0, 0.1), "E": (1.0, 3.0)}
+    exact = hhr.FullOrderModel(block_scene("exact", box, young="E", **given))
+    held = {"constraints": (), "loads": (), "displacements": hhr.Displacement.clamp(end, 2)}
+    with pytest.warns(hhr.errors.SceneWarning, match="E"):
+        unit = hhr.FullOrderModel(block_scene("unit", box, **given | held))
+    order = np.random.default_rng(0).permutation(len(unit.problem.points))
+    dofs = (2 * order[:, None] + np.arange(2)).ravel()
+    save_npz(tmp_path / "k.npz", csr_matrix(unit.problem.stiffness[dofs][:, dofs]))
+    np.save(tmp_path / "nodes.npy", unit.problem.points[order])
+    system = scope["OfFiles"](str(tmp_path / "k.npz"), str(tmp_path / "nodes.npy"))
+    full = hhr.FullOrderModel(block_scene("theirs", box, system=system, **given))
+    for point in full.parameters.random(4, 0):
+        one, other = (model.solve(point, gradient=True) for model in (full, exact))
+        assert largest_difference(one.displacement(), other.displacement()) <= 1e-10
+        assert np.abs(one.forces() - other.forces()).max() <= 1e-10
+        assert largest_difference(one.gradient.unknown, other.gradient.unknown) <= 1e-8
