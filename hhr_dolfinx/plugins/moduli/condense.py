@@ -219,19 +219,9 @@ class Condensation(Reductor[_Prepared]):
                 f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
                 "interpolated condensation is for elastic bodies that vary; take exact_condensation"
             )
-<<<<<<< HEAD
         _check_motions(problem)
         if full.scene.system is not None:
             _check_supports(full)
-=======
-        if problem.kernel is not None:
-            why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
-            raise NotOfferedError(
-                f"{why} of scene '{full.scene.name}', and their elasticity depends on parameters: "
-                "interpolated condensation is not built in for these. Take "
-                + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
-            )
->>>>>>> 8539c9015ccccd9e6de85fa971d9d6d1e715a67d
         if task.snapshots is not None:
             check_of_problem("snapshots", task.snapshots, problem)
 
