@@ -12,7 +12,6 @@ import pytest
 import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
-from needs import needs
 from scenes import pressed_pair, slope, space
 from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
 from toy_law import Ludwik
