@@ -12,13 +12,13 @@ import pytest
 import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
-from needs import needs
 from scenes import pressed_pair, slope, space
 from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
 from toy_law import Ludwik
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ParameterError
 from hhr_dolfinx.forms.laws import equivalent, standard, trace
 from hhr_dolfinx.formulas import Modulus
@@ -215,17 +215,14 @@ def test_what_does_not_change_within_a_history():
         parameters=hhr.ParameterSpace(("push", "T", "s", "E"), (0.0,) * 4, (1.0,) * 4),
         flow=SimpleNamespace(groups=(group,), factors=PartFactors((modulus,), np.ones(1))),
         fields=SimpleNamespace(amplitudes=Amplitudes(np.array([1.0, 0.0]), slopes)),
+        law=UNILATERAL,
     )
     assert flowing.fixed(model) == [2, 3]
 
 
-@needs("friction")
 def test_what_of_flow_is_not_on_a_page():
     full, _ = yielding()
     scenery = hhr.scenery_of(full)
-    training = contract.rubbing_flow()
-    with pytest.raises(NotOfferedError, match="histories that flow and rub run in Python"):
-        hhr.write_model_page("none.html", training.condense(), scenery)
     with pytest.raises(NotOfferedError, match=r"condensed flow, and a \w+ is not of that kind"):
         hhr.write_model_page("none.html", contract.reduced_flow(contract.flowing()), scenery)
 
