@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 ALMOST_NONE = 1e-9
 """Part of the largest effect of a motion, or of a load, up to which it is round-off."""
+ROUND_OFF_OF_ENERGY = 1e-13
+"""Part of the sum of all terms of the energy of a motion up to which it is round-off."""
 ALIKE = 1e-10
 """Relative difference from imposed values up to which a rigid motion has the same values."""
 
@@ -75,6 +77,20 @@ def free_bodies(
     groups = _groups(components, prolongation.map, points)
     joined = (_joined(group, prolongation, points, imposed, scene.hypothesis) for group in groups)
     return [one for one in joined if len(one.left)]
+
+
+def unresisted(bodies: list[FreeBody], problem: ContactProblem, stiffness: csr_matrix) -> list[FreeBody]:
+    """Bodies with the motions along which a stiffness, local rows (own, N), does no work."""
+    left = []
+    for body in bodies:
+        columns = body.columns(len(problem.points))
+        own = columns[problem.rows]
+        sizes = problem.spread.sum(abs(own).T @ (abs(stiffness) @ abs(columns)))
+        energies = problem.spread.sum(own.T @ (stiffness @ columns))
+        values, ways = np.linalg.eigh((energies + energies.T) / 2)
+        ways = ways[:, np.abs(values) <= ROUND_OFF_OF_ENERGY * sizes.max()]
+        left.append(replace(body, left=ways.T @ body.left))
+    return [body for body in left if len(body.left)]
 
 
 def _kernel(rows: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.stiffness import SparseStiffness
 from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError
-from hhr_dolfinx.full_order.free_bodies import FreeBody, described
+from hhr_dolfinx.full_order.free_bodies import FreeBody, described, unresisted
 from hhr_dolfinx.full_order.system import System, SystemAt
 from hhr_dolfinx.group import Group
 from hhr_dolfinx.plugins.systems.parts import check_parts, check_symmetric, samples
@@ -31,9 +31,6 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.system import Made, Middle
-
-ROUND_OFF_OF_ENERGY = 1e-13
-"""Part of the sum of all terms of the energy of a motion up to which it is round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,15 +188,5 @@ def _with_parts(problem: ContactProblem, moduli: Any, matrices: Any) -> ContactP
 
 
 def _unresisted(bodies: list[FreeBody], problem: ContactProblem, at: SystemAt) -> list[FreeBody]:
-    """Bodies with the motions along which K, local rows (own, N), does no work."""
-    stiffness = _matrix_of(at, "")
-    left = []
-    for body in bodies:
-        columns = body.columns(len(problem.points))
-        own = columns[problem.rows]
-        sizes = problem.spread.sum(abs(own).T @ (abs(stiffness) @ abs(columns)))
-        energies = problem.spread.sum(own.T @ (stiffness @ columns))
-        values, ways = np.linalg.eigh((energies + energies.T) / 2)
-        ways = ways[:, np.abs(values) <= ROUND_OFF_OF_ENERGY * sizes.max()]
-        left.append(replace(body, left=ways.T @ body.left))
-    return [body for body in left if len(body.left)]
+    """Bodies with the motions along which K does no work."""
+    return unresisted(bodies, problem, _matrix_of(at, ""))
