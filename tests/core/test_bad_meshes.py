@@ -1,6 +1,8 @@
 """Meshes, tags, loads and supports that do not suit a scene get a clear error before anything is assembled."""
 
 import dataclasses
+import re
+import warnings
 from types import SimpleNamespace
 
 import contact_patch_test as patch
@@ -221,19 +223,31 @@ def held(*displacements, hypothesis="plane_strain"):
     return changed(hypothesis, displacements=displacements, loads=(load,))
 
 
-@needs("inelastic")
+def motions_said(scene):
+    """What is said of the motions of bodies when a model is built."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            said = hhr.FullOrderModel(scene).problem.kernel.described
+        except NotSolvableError as error:
+            said = str(error)
+    return "; ".join([said, *(str(item.message) for item in caught)])
+
+
+@needs("floating", "inelastic")
 @pytest.mark.parametrize(
     ("scene", "message"),
     [
-        (held(), "body 1 of .*, can move freely: it moves along axis 0, moves along axis 1, turns"),
-        (held(hhr.Displacement(UPPER, 1)), "can move freely: it moves along axis 0. .*Impose"),
-        (held(hhr.Displacement(LEFT, 1)), "can move freely: it moves along axis 0, turns. .*Impose"),
-        (held(hypothesis="axisymmetric"), "can move freely: it moves along axis 1. .*Impose"),
-        (held(hhr.Displacement(31, 2), hhr.Displacement(10, 0), hypothesis="solid"), "freely: it moves along axis 1. "),
+        (held(), "body 1 of .* moves along axis 0, .*turns"),
+        (held(hhr.Displacement(UPPER, 1)), "body 1 of .* moves along axis 0"),
+        (held(hhr.Displacement(LEFT, 1)), "body 1 of .* moves along axis 0, .*turns"),
+        (held(hypothesis="axisymmetric"), "body 1 of .* moves along axis 1"),
+        (held(hhr.Displacement(31, 2), hhr.Displacement(10, 0), hypothesis="solid"), "body 1 of .* along axis 1"),
     ],
 )
-def test_a_body_that_flows_and_can_move_freely_is_named_with_its_motion(scene, message):
-    refused(with_bodies(scene, law=hhr.Plasticity(1.0)), message, NotSolvableError)
+def test_motions_of_a_body_that_flows_are_named_as_those_of_an_elastic_one(scene, message):
+    said = motions_said(with_bodies(scene, law=hhr.Plasticity(1.0)))
+    assert said == motions_said(scene) and re.search(message, said)
 
 
 @needs("floating", "inelastic", "mortar")
@@ -243,9 +257,9 @@ def test_the_free_one_of_two_bodies_is_named(loose):
     scene = patch.scene()
     end = patch.geometry.outer_end(loose, 2)
     kept = tuple(item for item in scene.displacements if item.tag != end or item.component == 0)
-    message = rf"body {loose} of .* can move freely: it moves along axis 1, turns\. .*Impose"
     flowing = with_bodies(scene, law=hhr.Plasticity(1e6))
-    refused(dataclasses.replace(flowing, displacements=kept), message, NotSolvableError)
+    said = motions_said(dataclasses.replace(flowing, displacements=kept))
+    assert re.search(rf"body {loose} of .* moves along axis 1, turns", said)
 
 
 def test_bodies_that_hang_together_at_a_node_are_not_called_free():

