@@ -315,7 +315,7 @@ def _check_motions(problem: ContactProblem) -> None:
             )
 
 
-def _check_supports(full: FullModel) -> None:
+def _check_supports(full: Any) -> None:
     """Refuse a user-defined system that leaves motions at a corner of the box and not in the middle."""
     from hhr_dolfinx.full_order.free_bodies import described, free_bodies, unresisted
 
