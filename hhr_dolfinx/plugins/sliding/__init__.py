@@ -7,6 +7,7 @@ PLUGIN = Plugin(
     needs=("friction", "mortar", "nonmatching"),
     public={"hhr_dolfinx.plugins.sliding.slide": "slide"},
     classes={
+        "hhr_dolfinx.plugins.sliding.beside": "BesideTools",
         "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
         "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
     },

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.parameters import PointLike
+    from hhr_dolfinx.plugins.sliding.beside import BesideTools
     from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider, SlidingPair
 
 ADVICE = {
@@ -32,17 +33,19 @@ class SlidingModel(KeptModel):
     Forces of an answer, and its ``multipliers``, are those of the pairs that do not slide, if there are any, followed
     by nodal ones on all dofs of the surfaces that slide. Its ``slip`` has pressures, slip, wear and sticking of the
     slave nodes, pair by pair, followed by other contacts with friction. The ``base`` is full or condensed, with the
-    conditions of the pairs that do not slide, and a row for each dof of the surfaces.
+    conditions of the pairs that do not slide, a row for each dof of the surfaces, and rows of the motion ``beside``
+    curved tools, without forces.
     """
 
-    kept = ("base", "pairs", "law")
+    kept = ("base", "pairs", "law", "beside")
 
-    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], law: Friction):
+    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], law: Friction, beside: BesideTools):
         self.base = base
         self.parameters = base.parameters
         self.fields = base.fields
         self.pairs = tuple(pairs)
         self.law: Friction = law
+        self.beside = beside
         self.advice: Mapping[Status, str] = ADVICE
 
     def for_file(self) -> SlidingModel:
@@ -69,7 +72,9 @@ class SlidingModel(KeptModel):
             if pair.first != first or pair.slave.points.shape[1] != self.dimension:
                 yield "dofs of its pairs are not the rows of its base"
             first += pair.nodes * self.dimension
-        if first != self.base.own_conditions:
+        if self.beside.conditions.max(initial=-1) >= kept:
+            yield "conditions beside tools are not those of pairs that do not slide"
+        if first + self.beside.conditions.size * (self.dimension - 1) != self.base.own_conditions:
             yield "its pairs do not have as many dofs as its base has rows"
 
     @property

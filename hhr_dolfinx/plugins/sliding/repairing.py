@@ -22,7 +22,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.errors import NeverFacingError, PairingWarning
+from hhr_dolfinx.errors import NeverFacingError, PairingWarning, SceneWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.pairings.surface import Surface, area_vectors
@@ -32,7 +32,7 @@ from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, Sliding
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
-from hhr_dolfinx.warn import ignored
+from hhr_dolfinx.warn import ignored, warn
 
 PAIRINGS = 8
 """Most pairings of an increment."""
@@ -46,6 +46,8 @@ NO_EFFECT = 1e-9
 """Part of the compliance of a contact below which that of its slip, or of its difference to another one, is none."""
 IMPOSED = 1e-14
 """Part of the largest compliance below which that of a contact is none: of a stiff body it may be as small as 1e-9."""
+TOUCHING = 1e-9
+"""Part of the size of surfaces up to which they touch."""
 APART = 10.0
 """Gap of nodes that face no surface, in sizes of the surfaces."""
 
@@ -134,10 +136,11 @@ class Paired(NamedTuple):
 
 
 class RepairingSlider(Slider):
-    """Solves increments of a model with ``pairs``, whose last rows are all dofs of its surfaces.
+    """Solves increments of a model with ``pairs``, whose base has rows of all dofs of its surfaces.
 
     Its first m rows are those of the pairs that do not slide: conditions, with a slack in the place of a displacement
-    with the opposite sign. ``exactly`` pairs increments until their positions converge.
+    with the opposite sign. Its last rows are motions along curved tools. ``exactly`` pairs increments until their
+    positions converge.
     """
 
     def __init__(self, model: Any, *, exactly: bool = False):
@@ -151,6 +154,8 @@ class RepairingSlider(Slider):
         self.size = float(np.ptp(places, axis=0).max())
         self.facet = min(surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master))
         self.rows = self.kept + self.count * self.dim
+        self.dofs = slice(self.kept, self.kept + self.dim * sum(pair.nodes for pair in self.pairs))
+        self._warned = self._far_along = False
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies as meshed, without slip."""
@@ -175,7 +180,7 @@ class RepairingSlider(Slider):
             found, bound = self._solved_on(contact.schur, free, paired, before, point)
             surface_forces = paired.matrix.T @ found.forces
             displacement = free - contact.schur @ surface_forces
-            change = np.abs(displacement - paired.at)[self.kept :].max() / self.facet
+            change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
             # the next change would be smaller by the same factor as this one
             if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
@@ -202,6 +207,7 @@ class RepairingSlider(Slider):
         slack[pressures.stop :] = rows[pressures.stop :] @ (before.displacement - free)
         idle = np.zeros(self.friction.normal.size, dtype=bool)
         idle[: self.count] = idle_contacts(schur[pressures, pressures])
+        self._check_imposed(paired.gap, np.diag(schur)[pressures], point)
         slack[self.friction.normal[idle]] = APART * self.size
         coefficient, limit = self.friction.bounds(point)
         limit = np.where(idle & np.isinf(coefficient), 0.0, limit)  # Tresca's law holds at no pressure too
@@ -209,6 +215,18 @@ class RepairingSlider(Slider):
         friction = self._with_held(np.diag(schur), idle)
         found = SlidingContact(schur, friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
+
+    def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
+        """Warn once of contacts, (C,), all of whose nodes have imposed displacements and penetrate."""
+        deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (gap < -TOUCHING * self.size)
+        if deep.any() and not self._warned:
+            self._warned = True
+            warn(
+                f"at {self.model.parameters.described(point)}: at {int(deep.sum())} slave nodes all nodes of the "
+                f"contact have imposed displacements and penetrate, most by {-gap[deep].min():.3g}: no force acts "
+                "there. Change these displacements, or the gap",
+                SceneWarning,
+            )
 
     def _with_held(self, diagonal: np.ndarray, idle: np.ndarray) -> Friction:
         """The law on one pairing; imposed displacements hold some tangential rows, whose friction is undetermined."""
@@ -252,6 +270,16 @@ class RepairingSlider(Slider):
         return [
             ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel()) for k in range(dim)
         ]
+
+    def check(self, place: Reached) -> None:
+        """Check the distance that bodies have slid past tools, whose rows are not made again."""
+        super().check(place)
+        beside = self.model.beside
+        if beside.conditions.size and not self._far_along:
+            assert place.displacement is not None and place.surface_forces is not None
+            motion = place.displacement[self.dofs.stop :].reshape(-1, self.dim - 1)
+            words = self.model.parameters.described(place.point)
+            self._far_along = beside.check(place.surface_forces, motion, self.largest, words)
 
     def elastic_energy(self, solved: Solved) -> float:
         """See :class:`Slider`."""

@@ -24,7 +24,7 @@ from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout, nodes_of, renumbered
-from hhr_dolfinx.plugins.sliding.surface_dofs import FullOrderOfSurfaces, SurfaceDofs
+from hhr_dolfinx.plugins.sliding.surface_dofs import FullOrderOfSurfaces, SurfaceDofs, SurfacesThatSlide
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored
@@ -85,7 +85,9 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     fixed = np.array([k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64)
     others = problem.law
     assert isinstance(others, Friction)
-    return SlidingModel(base, found, layout(found, laws, fixed, problem.block_size, others))
+    law = layout(found, laws, fixed, problem.block_size, others)
+    assert isinstance(full.discretisation, SurfacesThatSlide)
+    return SlidingModel(base, found, law, full.discretisation.beside)
 
 
 def _slides(item: Pairing) -> bool:

@@ -10,12 +10,15 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.contact.rows import ContactRows, joined
+from hhr_dolfinx.contact.rows import ContactRows, joined, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
+from hhr_dolfinx.plugins.friction.tangents import tangents_of
+from hhr_dolfinx.plugins.sliding.beside import BesideTools
 from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 
 
@@ -34,28 +37,62 @@ class SurfaceDofs(SlaveAndMaster):
 
 
 class SurfacesThatSlide(Discretisation):
-    """Finite element model whose last rows are those of :class:`SurfaceDofs`, which are no conditions.
+    """Finite element model with rows of :class:`SurfaceDofs` and of motion along curved tools, which are no conditions.
 
-    All of them are kept, also those of imposed dofs, and of dofs that constraints make one: the displacement of a
+    All of the former are kept, also those of imposed dofs, and of dofs that constraints make one: the displacement of a
     surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it. Their law remembers, since positions do.
+
+    Attributes:
+        beside: conditions of curved tools, whose motion along them are the last rows.
     """
+
+    beside = BesideTools.none()
 
     def conditions(
         self, rows: ContactRows, pairs: np.ndarray, opened: np.ndarray, eliminated: Eliminated, amplitudes: Amplitudes
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
-        """Conditions of the pairs that do not slide, as the full order makes them, followed by the rows of dofs."""
+        """Conditions of the pairs that do not slide, as the full order makes them, followed by dofs and motion."""
         slide = np.array([isinstance(item, SurfaceDofs) for item in self.scene.contacts])[pairs]
         dofs = rows.take(np.flatnonzero(slide))
-        moved = -(dofs.matrix @ eliminated.prolongation.lifts).toarray()  # openings add to gaps of pairs, not of dofs
-        without = no_friction(rows.points.shape[1])
+        of_dofs = pairs[slide]
+        law: ContactLaw = no_friction(rows.points.shape[1])
+        lifts = eliminated.prolongation.lifts
         if slide.all():
-            return dofs, pairs, moved, without, None
+            return dofs, pairs, -(dofs.matrix @ lifts).toarray(), law, None
         kept = np.flatnonzero(~slide)
-        found, of_pairs, gaps, law, shares = super().conditions(
+        found, of_pairs, gaps, given, shares = super().conditions(
             rows.take(kept), pairs[kept], opened[kept], eliminated, amplitudes
         )
-        law = law if law.remembers else without
-        return joined([found, dofs]), np.concatenate([of_pairs, pairs[slide]]), np.vstack([gaps, moved]), law, shares
+        law = given if given.remembers else law
+        self.beside = self._beside_tools(found, of_pairs, law)
+        along = _along(found.take(self.beside.conditions))
+        moving = joined([dofs, along])
+        gaps = np.vstack([gaps, -(moving.matrix @ lifts).toarray()])  # openings add to gaps of pairs, not of dofs
+        # motions bear no force, whatever contact they count for
+        of_motion = np.full(along.gap.size, of_dofs[-1])
+        return joined([found, moving]), np.concatenate([of_pairs, of_dofs, of_motion]), gaps, law, shares
+
+    def _beside_tools(self, rows: ContactRows, pairs: np.ndarray, law: ContactLaw) -> BesideTools:
+        """Conditions of curved tools, with the largest facet at each slave node."""
+        curved = [not isinstance(item, SurfaceDofs | Obstacle) for item in self.scene.contacts]
+        own = np.flatnonzero(np.array(curved)[pairs] & law.pressing(pairs.size))
+        sizes = np.zeros(rows.matrix.shape[1] // rows.points.shape[1])
+        for place in np.unique(pairs[own]).tolist():
+            surface = self.surface(self.scene.contacts[place].tags[0])
+            sizes[surface.nodes] = surface.cell_sizes()
+        return BesideTools(own, sizes[rows.slaves[own]])
+
+
+def _along(rows: ContactRows) -> ContactRows:
+    """Rows of the displacement of the slave of each condition along its tangents, (m (dim - 1), N)."""
+    dim = rows.points.shape[1]
+    tangents = tangents_of(normals_of(rows.matrix, rows.slaves, dim))
+    slaves = np.repeat(rows.slaves, dim - 1)
+    columns = (slaves[:, None] * dim + np.arange(dim)).ravel()
+    places = np.repeat(np.arange(slaves.size), dim), columns
+    matrix = csr_matrix((tangents.ravel(), places), shape=(slaves.size, rows.matrix.shape[1]))
+    nothing = np.zeros(slaves.size)
+    return ContactRows(matrix, nothing, slaves, np.repeat(rows.points, dim - 1, axis=0), nothing)
 
 
 class FullOrderOfSurfaces(FullOrderModel):

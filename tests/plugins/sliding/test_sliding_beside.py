@@ -12,7 +12,7 @@ from needs import needs
 from scenes import pair_scene, slope
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import FarSlidingWarning, SceneError, SceneWarning
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.plugins.sliding.repairing import idle_contacts
 
@@ -306,3 +306,34 @@ def test_refusals_name_the_pair_the_body_and_the_reason():
     for message, change in changes.items():
         with pytest.raises(SceneError, match=message):
             hhr.slide(dataclasses.replace(scene, **change))
+
+
+def test_imposed_nodes_that_penetrate_are_warned_of():
+    """No force acts between nodes that are imposed on both sides."""
+    scene = demo.scene(None, cells=CELLS)
+    imposed = (*scene.displacements[2:], *hhr.Displacement.clamp(LOWER, 2))
+    punch = tuple(dataclasses.replace(item, tag=UPPER) for item in scene.displacements[2:])
+    held = dataclasses.replace(scene, displacements=(*scene.displacements[:2], *imposed, *punch))
+    with pytest.warns(SceneWarning, match="at push = 0.03, way = 0: at .* slave nodes .* penetrate, most by 0.03"):
+        assert between(held, 0.0)["pressed"] == 0.0
+
+
+@needs("obstacles")
+@pytest.mark.filterwarnings("ignore:at 1 places of contacts")  # the upper corner of the punch
+def test_a_body_that_leaves_its_place_along_a_tool_is_warned_of():
+    """Rows of a circle are those of the mesh; a plane is the same wherever a body has moved along it."""
+    scene = demo.scene(None, cells=CELLS)
+    top = side(SECOND, 0, True)
+    box = hhr.ParameterSpace(("push", "way"), (-0.5, -8.0), (0.5, 0.0))
+    place = demo.START + 1.0
+    circle = hhr.Circle(top, center=(place + 0.999, 0.5), radius=1.0)
+    path = [(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.3, 0.0))]
+    for tool, far in ((circle, True), (hhr.Obstacle(top, (1.0, 0.0), place), False)):
+        both = dataclasses.replace(scene, contacts=(*scene.contacts, tool), parameters=box)
+        model = hhr.slide(both)
+        model.march(path[:2])
+        if far:
+            with pytest.warns(FarSlidingWarning, match=r"at push = 0.3.* facets, and its gap and normal are those"):
+                model.march(path)
+        else:
+            model.march(path)
