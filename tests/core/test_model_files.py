@@ -681,7 +681,7 @@ REFUSED = {
         ("young = 190000.0 are not on the part", put(f"{GROUPS}.0.young", 190e3)),
         ("young = -1.0 and poisson", put(f"{GROUPS}.0.young", -1.0)),
         ("poisson = 0.5 are no", put(f"{GROUPS}.0.poisson", 0.5)),
-        ("poisson of Group is 'E'", put(f"{GROUPS}.0.poisson", "E")),
+        ("poisson = E is 190000", put(f"{GROUPS}.0.poisson", "E")),
         ("is 'Plasticity', and must be a LawProgram", put(f"{GROUPS}.0.law", "Plasticity")),
         ("trained of CondensedFlowModel is True", put("trained", True)),
         ("plastic of PlasticFields is None", put("fields.flow.plastic", None)),

@@ -51,7 +51,7 @@ def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
     alone, both = (json.loads(text.splitlines()[-1]) for text in said)
     assert len(both) == 2 and both[0] == both[1]
     (tried, forces), (other, found) = alone[0], both[0]
-    assert [item[:3] for item in tried] == [item[:3] for item in other] and tried[-1][1].endswith("training points")
+    assert [item[:3] for item in tried] == [item[:3] for item in other]
     np.testing.assert_allclose(found, forces, rtol=0, atol=1e-12 * max(forces))
     for folder in ("one", "two"):
         kept = json.loads((tmp_path / folder / "reduction.json").read_text())
