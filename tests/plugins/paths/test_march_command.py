@@ -45,6 +45,7 @@ def scene(tmp_path):
     return tmp_path / "pushed.py"
 
 
+@needs("friction")
 def test_rows_are_the_answers_of_the_path(scene, tmp_path):
     """The middle of the family without --at; a table has what is shown, and the digits that are not."""
     code, output = invoke("march", scene, "--out", tmp_path / "steps.csv")
@@ -62,6 +63,7 @@ def test_rows_are_the_answers_of_the_path(scene, tmp_path):
     np.testing.assert_allclose(rows[:, -1], [answer.outputs().values["largest"] for answer in history.answers])
 
 
+@needs("friction")
 def test_a_model_answers_the_same(scene, tmp_path):
     """A condensed model is exact with friction, so its rows are those of the full model at another point."""
     model = hhr.condense(scene_of(str(scene)))
@@ -73,6 +75,7 @@ def test_a_model_answers_the_same(scene, tmp_path):
     assert [line.split() for line in output.splitlines()[2:]] == [line.split() for line in full.splitlines()[2:]]
 
 
+@needs("friction")
 def test_solve_refers_to_the_paths(scene):
     """Its answer is that of one step from rest, which is not that of the steps."""
     code, output = invoke("solve", scene)
@@ -80,7 +83,7 @@ def test_solve_refers_to_the_paths(scene):
     assert f"one step from rest: hhr march {scene} follows" in " ".join(output.split())
 
 
-@needs("checks")
+@needs("checks", "friction")
 def test_fields_of_all_steps(scene, tmp_path):
     """A file for each step, which ParaView opens as one."""
     assert invoke("march", scene, "--out", tmp_path / "fields.vtu")[0] == 0
@@ -88,7 +91,7 @@ def test_fields_of_all_steps(scene, tmp_path):
     assert (tmp_path / "fields.pvd").is_file()
 
 
-@needs("checks")
+@needs("checks", "friction")
 def test_steps_in_vtkhdf_are_a_series(scene, tmp_path):
     """ParaView's reader of .pvd knows XML files alone."""
     code, output = invoke("march", scene, "--out", tmp_path / "fields.vtkhdf")
@@ -102,6 +105,7 @@ def test_steps_in_vtkhdf_are_a_series(scene, tmp_path):
     assert not (tmp_path / "fields.pvd").exists()
 
 
+@needs("friction")
 @pytest.mark.parametrize(
     ("words", "said"),
     [(["--at", "far=1"], "far = 1 is outside"),
