@@ -15,14 +15,13 @@ from scenes import THESIS
 from slow_suite import keep_slice, pytest_addoption, pytest_configure  # noqa: F401
 
 import hhr_dolfinx as hhr
+
+# options of commands are those of the plug-ins at its first import, and some tests replace these
 import hhr_dolfinx.command.making
 
 # nothing depends on the clock of a busy machine
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
-
-# imported above, since options of commands are those of the plug-ins at its first import, and some tests replace these
-assert hhr_dolfinx.command.making.KINDS
 
 NEEDING = {
     "core/test_benchmarks.py": ("mortar", "second_order"),

@@ -11,7 +11,7 @@ from bare import WAIT
 
 PATIENT = {"MPIR_CVAR_ENABLE_HEAVY_YIELD": "1", "OMPI_MCA_mpi_yield_when_idle": "1"}
 """Ranks that wait for others sleep (MPICH, Open MPI): where there are more of them than cores, waiting by turning round
-takes the time of those that are waited for, 130 s in the place of 50 for one file of tests."""
+takes the time of those that are waited for."""
 
 
 def launch(ranks, arguments, cwd=None):

@@ -46,34 +46,24 @@ class FlowSlopes:
     ) -> ContactChange:
         """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
         with linear.held():
-            return self._step(linear, answer, slack, right, way)
-
-    def _step(
-        self,
-        linear: Eliminated,
-        answer: Answer,
-        slack: np.ndarray,
-        right: tuple[np.ndarray, np.ndarray],
-        way: np.ndarray,
-    ) -> ContactChange:
-        friction = self._friction
-        rows = friction.tangential
-        residual, gaps = right
-        contact = SlidingContact(linear.schur(), friction)
-        slack = slack.copy()
-        slack[rows] -= self._surface.position(self._slip)
-        slack[answer.active] = 0.0
-        forces = answer.multipliers
-        found = Sliding(forces, answer.active, slack, NOTHING, 0, 0, Status.CONVERGED)
-        coefficients, limits = friction.bounds(answer.parameter)
-        given = Increment(slack - contact.schur @ forces, coefficients, limits, NOTHING)
-        free = columnwise(linear.solve, residual)
-        opened = linear.slack_of(gaps, free)
-        opened[rows] -= self._position
-        coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
-        pushed, _ = contact.changes(given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1])))
-        opened = opened + contact.schur @ pushed
-        opened[answer.active] = 0.0
-        self._position = self._position + opened[rows]  # none where contacts stick
-        self._slip = answer.memory[SLIP]
-        return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, contact.grazing(given, found))
+            friction = self._friction
+            rows = friction.tangential
+            residual, gaps = right
+            contact = SlidingContact(linear.schur(), friction)
+            slack = slack.copy()
+            slack[rows] -= self._surface.position(self._slip)
+            slack[answer.active] = 0.0
+            forces = answer.multipliers
+            found = Sliding(forces, answer.active, slack, NOTHING, 0, 0, Status.CONVERGED)
+            coefficients, limits = friction.bounds(answer.parameter)
+            given = Increment(slack - contact.schur @ forces, coefficients, limits, NOTHING)
+            free = columnwise(linear.solve, residual)
+            opened = linear.slack_of(gaps, free)
+            opened[rows] -= self._position
+            coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
+            pushed, _ = contact.changes(given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1])))
+            opened = opened + contact.schur @ pushed
+            opened[answer.active] = 0.0
+            self._position = self._position + opened[rows]  # none where contacts stick
+            self._slip = answer.memory[SLIP]
+            return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, contact.grazing(given, found))

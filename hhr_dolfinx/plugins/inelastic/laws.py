@@ -407,7 +407,8 @@ class LinearStress(Law):
         from hhr_dolfinx.forms.elasticity import kelvin, of_kelvin
         from hhr_dolfinx.forms.laws import Stated
 
-        return Stated(kelvin(self.stress_of(of_kelvin(at.strain)), "solid" if len(at.strain) > 4 else ""))
+        stress = self.stress_of(of_kelvin(at.strain))
+        return Stated(kelvin(stress, "solid" if len(at.strain) > 4 else "plane_strain"))
 
     def in_plane_stress(self) -> Law:
         """See :class:`Law`; strains that shear across the plane are those without a stress too."""

@@ -8,7 +8,7 @@ from needs import needs
 from scenes import block_scene, pressed_block, slope, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotSolvableError, SmallStrainWarning, StudyError, TrainingWarning
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SmallStrainWarning, StudyError, TrainingWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.timing import unannounced
 
@@ -32,6 +32,20 @@ def test_a_box_without_equilibrium_is_given_up_with_its_reason():
     ) as caught:
         hhr.reduce(lying(-3.0, -1.0), progress=unannounced, comm=MPI.COMM_SELF)
     assert caught.value.reduction.full_answers == 16
+
+
+@needs("floating", "moduli")
+def test_a_training_that_must_fail_ends_early(monkeypatch):
+    """Nine of ten points have no equilibrium, and a training, which no condensation spares, needs half of its own."""
+    from hhr_dolfinx.plugins.moduli.condense import Condensation
+
+    def refuse(self, task):
+        raise NotOfferedError("none of these")
+
+    monkeypatch.setattr(Condensation, "check", refuse)
+    with pytest.raises(StudyError, match="too few points of the box") as caught:
+        hhr.reduce(lying(-9.0, 1.0, young="E", E=(40.0, 60.0)), progress=unannounced, comm=MPI.COMM_SELF)
+    assert caught.value.reduction.full_answers < 60
 
 
 @needs("floating", "moduli")
