@@ -41,6 +41,7 @@ class Histories(Equilibrium):
 
     def march(
         self,
+        model: object,
         path: Path,
         settings: MarchSettings = DEFAULT_MARCH,
         *,
@@ -49,6 +50,10 @@ class Histories(Equilibrium):
     ) -> History:
         """History along a checked path, see :func:`march`."""
         return march(self._marching(settings), path, settings, known=known, keep=keep)
+
+    def known_error(self, known: str) -> str:
+        """As it is."""
+        return known
 
     def _marching(self, settings: MarchSettings) -> Equilibrium:
         """Equilibrium that solves histories with some settings."""

@@ -19,7 +19,7 @@ from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 from hhr_dolfinx.reduction.reductor import Reductor
 
 YOUNG, POISSON, HEIGHT, WIDTH = 7.0, 0.3, 1.0, 2.0
@@ -133,7 +133,7 @@ def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
 
 
 def test_a_facet_without_increments_refuses(full, monkeypatch):
-    monkeypatch.setattr(registry, "facet", lambda *_: Steps())
+    monkeypatch.setattr(registry, "facet", lambda *_: LawSteps())
     with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
         full.march(PATH)
 
