@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -48,6 +48,8 @@ APART = 10.0
 @dataclass(frozen=True)
 class SurfaceDofs(SlaveAndMaster):
     """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions."""
+
+    unilateral: ClassVar[bool] = False  # its rows move under any forces
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each component of the displacement of each node, in the order of the nodes."""

@@ -105,7 +105,7 @@ def _check(scene: Scene) -> None:
             "slide past their mesh"
         )
     places = registry.named("public")
-    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises",) if name in places))
+    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places))
     for output in scene.outputs:
         if not isinstance(output, kinds):
             names = ", ".join(kind.__name__ for kind in kinds)
