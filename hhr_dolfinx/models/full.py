@@ -21,7 +21,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, SeveralAnswers
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import NEAREST, NOTHING, AnsweringModel
+from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -152,6 +153,13 @@ class FullModel(AnsweringModel, ElasticFields):
         if not self.stiffness.has_response:
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
         return self.stiffness.response
+
+    def solve(self, mu: PointLike = NOTHING, **how: Any) -> Answer:
+        """Answer one parameter, see :meth:`AnsweringModel.solve`; the same on all ranks."""
+        if mu is not NOTHING:
+            usual = {"start": NEAREST, "outside": USUAL, "gradient": False}
+            self.agree("solve", lambda: self.parameters.point(mu)[None], **usual | how)
+        return super().solve(mu, **how)
 
     def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
         """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks."""
