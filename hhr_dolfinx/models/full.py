@@ -21,8 +21,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, SeveralAnswers
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path
-from hhr_dolfinx.models.model import NEAREST, NOTHING, AnsweringModel
-from hhr_dolfinx.trained import USUAL
+from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -154,13 +153,6 @@ class FullModel(AnsweringModel, ElasticFields):
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
         return self.stiffness.response
 
-    def solve(self, mu: PointLike = NOTHING, **how: Any) -> Answer:
-        """Answer one parameter, see :meth:`AnsweringModel.solve`; the same on all ranks."""
-        if mu is not NOTHING:
-            usual = {"start": NEAREST, "outside": USUAL, "gradient": False}
-            self.agree("solve", lambda: self.parameters.point(mu)[None], **usual | how)
-        return super().solve(mu, **how)
-
     def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
         """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks."""
         self.agree("solve_many", lambda: self.parameters.points(points), **how)
@@ -196,6 +188,11 @@ class FullModel(AnsweringModel, ElasticFields):
             keep(answer)
 
         return self.follow(checked, settings, known=known, keep=keep_small)
+
+    @property
+    def shared(self) -> bool:
+        """See :class:`AnsweringModel`."""
+        return self.group.size > 1
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
         """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""
