@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +68,7 @@ class GaussModel:
 
     def energy(self, output: NamedOutput) -> FlowEnergy:
         """Elastic energy of an output."""
-        return energy(self.operator, self.material, output)
+        return energy(self.operator, self.material, self.discretisation.scene.parameters, output)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
@@ -147,8 +147,8 @@ class FullEquilibrium(MeshEquilibrium):
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self._lay(gauss, problem)
         self.places = gauss.places
-        self.mises = partial(mises, gauss.operator)
-        self.energy = partial(energy, gauss.operator, gauss.material)
+        self.mises = gauss.mises
+        self.energy = gauss.energy
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts

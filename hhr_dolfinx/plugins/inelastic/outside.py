@@ -6,6 +6,7 @@ What holds data and no code refuses them: condensed models, files, pages, C and 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -96,6 +97,11 @@ class LawCode(LawProgram):
             f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
             "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
         )
+
+    @cached_property
+    def linear(self) -> bool:
+        """False: nothing is known of code."""
+        return False
 
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
         """See :class:`LawProgram`."""
