@@ -57,15 +57,20 @@ def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
     return found
 
 
-def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
+def material_at(
+    discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator, *, flat: bool | None = None
+) -> Material:
+    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,).
+
+    They are stated for plane stress if ``flat``, by default in scenes of plane stress.
+    """
     scene = discretisation.scene
+    flat = scene.hypothesis == "plane_stress" if flat is None else flat
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
     for place, body in enumerate(scene.bodies):
         young, ratio = (text if isinstance(text, str) else float(text) for text in (body.young, body.poisson))
         grading = grading_at(discretisation, place)
-        flat = scene.hypothesis == "plane_stress"
         stated = Elasticity() if body.law is None and flat else body.law
         if body.stress is not None:
             stated = LinearStress(body.stress)

@@ -56,10 +56,10 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
         found: Functional = probe.laws.energy(output)
         return found
     problem = probe.problem
-    # a unilateral condition with a force has no slack; rows that are no conditions, and other laws, have
-    unilateral = problem.law is UNILATERAL and all(getattr(pair, "unilateral", True) for pair in scene.contacts)
+    # a unilateral condition with a force has no slack; those of other laws have
+    unilateral = problem.law is UNILATERAL
     work = _work(probe, problem)
-    gap_terms = probe.terms(problem.gaps.any(axis=0) & unilateral).astype(np.int64)
+    gap_terms = probe.terms(problem.gaps.any(axis=0)).astype(np.int64)[: None if unilateral else 0]
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
     strained = any(hasattr(load, "eigenstrain_of") for load in scene.loads)
     springs = probe.discretisation.springs
