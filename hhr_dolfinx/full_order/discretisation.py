@@ -31,7 +31,6 @@ from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import NotSolvableError, SceneError, rounded
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
-from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
@@ -187,14 +186,13 @@ class Discretisation(DiscreteSpace):
         rows, pairs, both = eliminated.merged(prolongation, rows.take(kept), pairs[kept], both)
         gaps, opened = np.hsplit(both, 2)
         shares = None
-        if len(scene.contacts) > 1:
-            stated = Conditions(scene, rows, pairs, opened)
-            common = CommonConditions(stated, prolongation, self._cell_nodes(), amplitudes, self.surface)
-            stated, shares = common.joined()
+        common = _nodes_of_several(prolongation.rows(rows.matrix), pairs, rows.points.shape[1])
+        if common.size:
+            what = f"scene '{scene.name}', in which several contacts have the node at {self._points()[common[0]]},"
+            share = registry.tool("shared_nodes", what)
+            rows, pairs, opened, shares = share(self, (rows, pairs, opened), prolongation, amplitudes, common)
             if shares is not None:
-                rows = stated.rows
-                pairs = stated.pairs
-                gaps = _gaps(rows, stated.opened, lifts)
+                gaps = _gaps(rows, opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, prolongation)
@@ -392,6 +390,13 @@ def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarra
     gaps = opened - (rows.matrix @ lifts).toarray()
     gaps[:, 0] += rows.gap
     return gaps
+
+
+def _nodes_of_several(acting: csr_matrix, pairs: np.ndarray, dimension: int) -> np.ndarray:
+    """Nodes on which conditions of several contacts act, by the rows of B T, (m, N), and the contact of each, (m,)."""
+    entries = acting.tocoo()
+    places = pairs[entries.row], entries.col // dimension
+    return np.flatnonzero(csr_matrix((np.ones(entries.nnz), places)).getnnz(axis=0) > 1)
 
 
 def _without_columns(matrix, columns):

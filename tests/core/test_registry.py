@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import split
 from bare import python
 from needs import OURS, needs, present
 from scenes import pressed_block
@@ -203,6 +204,10 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
         hhr.MeshFile(tmp_path / "mesh.med").read()
     with said("floating"):
         hhr.FullOrderModel(dataclasses.replace(scene, displacements=()))
+    halves = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    with said("shared_nodes"):
+        hhr.FullOrderModel(split.scene(halves))
+    assert hhr.FullOrderModel(split.scene(halves[:1], outputs=())).conditions == 5
 
 
 @pytest.mark.usefixtures("without")
