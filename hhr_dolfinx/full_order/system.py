@@ -207,8 +207,8 @@ class SummedSystem(_OfParts):
         return problem, stiffness, problem.spread.of(problem.loads_at(point, theta))
 
 
-class UserSystem(Protocol):
-    """User-defined system of a scene, which the tool ``systems`` makes of the scene, parts of K, and springs.
+class StatedSystem(Protocol):
+    """System of a scene; a user-defined one the tool ``systems`` makes of the scene, parts of K, and springs.
 
     The parts of K of its bodies are local rows of all dofs without springs, (own, N) each; springs are the stiffness to
     ground of each dof, (N,), or None.
@@ -222,6 +222,22 @@ class UserSystem(Protocol):
 
     def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
         """The problem with the parts of the system, which are compared with its equations, and K in the middle."""
+
+
+class OwnSystem:
+    """System of the bodies of a scene, see :class:`StatedSystem`."""
+
+    def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
+        """All of the bodies."""
+        return bodies
+
+    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
+        """See :func:`system_of`."""
+        return system_of(problem, middle, made)
+
+    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
+        """The problem as it is, and K in the middle."""
+        return problem, system.middle()
 
 
 def system_of(problem: ContactProblem, *makers: Any) -> System:

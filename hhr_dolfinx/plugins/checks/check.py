@@ -12,7 +12,7 @@ from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies
+from hhr_dolfinx.full_order.free_bodies import free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
@@ -95,8 +95,6 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWith
     laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
     terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
-    if discretisation.reshaped is not None:
-        problem = discretisation.reshaped.attached(problem)
     return discretisation.checked(problem), laws
 
 
@@ -226,7 +224,7 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     free = free_bodies(found.scene, problem, found.meshed.cell_bodies(), found.meshed.springs)
     for body in free:
         found.note(
-            f"{body.name} is held by contact alone: without contact it {described(body, body.left)}. If that is not "
+            f"{body.name} is held by contact alone: without contact it {body.described(body.left)}. If that is not "
             "meant, hold it by a Displacement"
         )
     if not free:
