@@ -21,7 +21,6 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import CORNERS, build_geometry, check_outer, check_present, order_of, tagged
-from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler, Terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -61,7 +60,6 @@ class DiscreteSpace(ABC):
         self._trial = ufl.TrialFunction(self.space)
         self._test = ufl.TestFunction(self.space)
         self._linear: set[str] = set()
-        self.shape = StillMesh()
 
     @property
     @abstractmethod
@@ -90,9 +88,9 @@ class DiscreteSpace(ABC):
         """Local numbers of the cells of a body."""
         return tagged(self._cell_tags, self.names.cell(tag))
 
+    @abstractmethod
     def cells(self, tag: Tag) -> ufl.Measure:
         """Measure of the cells of a body for its stiffness."""
-        return self.shape.measure(self._dx(self.names.cell(tag)))
 
     def constant(self, value: float | str) -> fem.Constant:
         """A number or its string, in a form without compiled values: each new value would take seconds to compile."""

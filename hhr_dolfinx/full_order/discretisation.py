@@ -10,6 +10,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import ufl
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, identity
@@ -18,19 +19,19 @@ from ufl.core.expr import Expr
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.interface import alone, together
-from hhr_dolfinx.contact.kernel import kernels
+from hhr_dolfinx.contact.kernel import Kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
-from hhr_dolfinx.errors import NotSolvableError, SceneError, rounded
+from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.elasticity import elasticity_of
 from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.full_order.free_bodies import free_bodies
-from hhr_dolfinx.full_order.system import OwnSystem
+from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.parameters import Tag
@@ -63,10 +64,15 @@ class Discretisation(DiscreteSpace):
             for number, item in enumerate(scene.displacements)
             if item.field is not None
         }
+        self.shape = StillMesh()
         if scene.shapes:
             what = f"scene '{scene.name}', whose shapes depend on parameters,"
             # outside of evaluations the mesh has the shape of the middle of the box
             self.shape = registry.tool("shapes", what)(self)
+
+    def cells(self, tag: Tag) -> ufl.Measure:
+        """See :class:`DiscreteSpace`."""
+        return self.shape.measure(self._dx(self.names.cell(tag)))
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
@@ -211,15 +217,11 @@ class Discretisation(DiscreteSpace):
         """The problem with the kernel of K of a system; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem, bodies, self.springs)
-        free = (stated or OwnSystem()).left_free(free, problem)
+        free = (stated or self.shape).left_free(free, problem)
         if free:
-            if "kernel" not in registry.named("tools"):
-                why = registry.remedy("tools", "kernel")
-                raise NotSolvableError(
-                    f"{free[0].name} can move freely: it {free[0].described(free[0].left)}, and no installed plug-in "
-                    f"solves for motions{why}. Impose displacements that hold every body without its contacts"
-                )
-            kernel = kernels().of(self.scene, problem, free)
+            what = f"{free[0].name} can move freely: it {free[0].described(free[0].left)}. To hold it by contact alone"
+            kernels: Kernels = registry.tool("kernel", what)
+            kernel = kernels.of(self.scene, problem, free)
             problem = replace(problem, kernel=kernel, law=kernel.law)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
         return self.shape.attached(problem)

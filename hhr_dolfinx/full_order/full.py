@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import OwnSystem, StatedSystem, System, system_of
+from hhr_dolfinx.full_order.system import StatedSystem, System, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -83,9 +83,8 @@ class FullOrderModel(FullModel):
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals = None
             if scene.outputs:
-                from hhr_dolfinx.full_order.outputs import functionals_of
-
-                self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
+                shape = self.discretisation.shape
+                self.functionals = shape.outputs(self.discretisation, self.problem, self.equilibrium)
         guard = registry.offered("small_strains") or Guard
         self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
@@ -104,7 +103,7 @@ class FullOrderModel(FullModel):
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
-        stated: StatedSystem = OwnSystem()
+        stated: StatedSystem = discretisation.shape
         if self.scene.system is not None:
             given = registry.tool("systems", f"scene '{self.scene.name}', which has a system of its own,")
             stated = given(self.scene, stiffness, discretisation.springs)

@@ -224,26 +224,8 @@ class StatedSystem(Protocol):
         """The problem with the parts of the system, which are compared with its equations, and K in the middle."""
 
 
-class OwnSystem:
-    """System of the bodies of a scene, see :class:`StatedSystem`."""
-
-    def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
-        """All of the bodies."""
-        return bodies
-
-    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
-        """See :func:`system_of`."""
-        return system_of(problem, middle, made)
-
-    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
-        """The problem as it is, and K in the middle."""
-        return problem, system.middle()
-
-
 def system_of(problem: ContactProblem, *makers: Any) -> System:
     """The system of a problem, by ``middle`` and ``made``: which data of it depend on parameters."""
-    if problem.reshaped is not None:
-        return problem.reshaped.system(problem, *makers)
     if not problem.moduli:
         return ConstantSystem(problem, *makers)
     bodies = ScaledBodies.of(problem)

@@ -33,8 +33,10 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.contact.stiffness import Stiffness
-    from hhr_dolfinx.full_order.system import Parts
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+    from hhr_dolfinx.full_order.system import Made, Middle, Parts
     from hhr_dolfinx.loads import Term
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -96,7 +98,6 @@ class Reshaped(StillMesh):
     the parameter range.
     """
 
-    system = staticmethod(ReassembledSystem)
     interpolated_outputs = staticmethod(reshaped_functionals)
 
     def __init__(self, discretisation: Any):
@@ -212,6 +213,10 @@ class Reshaped(StillMesh):
         """
         return self._kept(point[list(self.axes)].tobytes())
 
+    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> ReassembledSystem:
+        """See :class:`StillMesh`."""
+        return ReassembledSystem(problem, middle, made)
+
     def measure(self, dx: ufl.Measure) -> ufl.Measure:
         """See :class:`StillMesh`; with the rule of reduced models."""
         kind, order = self._owner.cells_and_order
@@ -284,7 +289,9 @@ class Reshaped(StillMesh):
             moving[owner._cell_nodes()[owner.cells_of(shape.tag)]] = True
         return moving
 
-    def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
+    def outputs(
+        self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
+    ) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
         return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
 
