@@ -26,6 +26,7 @@ from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
+from hhr_dolfinx.plugins.elasticity.parts import with_springs
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
@@ -89,8 +90,6 @@ class LawsOnMesh(Discretisation):
         pattern = operator.pattern()
         parts = stiffness_parts(material, operator, pattern)
         if self.springs is not None:
-            from hhr_dolfinx.full_order.varying import with_springs
-
             parts = with_springs(self.scene.parameters.names, self.springs, *parts)
         return GaussModel(self, operator, material, bodies, pattern, *parts)
 

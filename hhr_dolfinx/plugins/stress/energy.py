@@ -151,9 +151,11 @@ def _text(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
 def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr) -> Iterator[tuple[str, float]]:
     """∫ own : C other / 2 of two strains of a body, 3x3: for each part of C its modulus, and the rest.
 
-    The stress is that of :func:`hhr_dolfinx.full_order.gauss_points.eigenstress`.
+    The stress is that of :func:`hhr_dolfinx.plugins.elasticity.eigenstrains.eigenstress`.
     """
-    from hhr_dolfinx.full_order.gauss_points import averaged, grading_of, parts_of
+    from hhr_dolfinx.plugins.elasticity.eigenstrains import averaged
+    from hhr_dolfinx.plugins.elasticity.gauss_points import degree_of
+    from hhr_dolfinx.plugins.elasticity.parts import grading_of, parts_of
 
     scene = discretisation.scene
     body = scene.bodies[place]
@@ -169,7 +171,7 @@ def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr
         yield "1", energy(elasticity.law_in(body.stress, hypothesis)(own), other)
         return
     if discretisation.mean_dilatation[place]:
-        dx = dx(degree=discretisation.gauss_degree)
+        dx = dx(degree=degree_of(discretisation))
     graded = averaged(discretisation, place, grading_of(discretisation, body) * averaged(discretisation, place, own))
     measured = elasticity.in_plane(averaged(discretisation, place, other), hypothesis)
     stresses = elasticity.isotropic_parts(graded, hypothesis)
