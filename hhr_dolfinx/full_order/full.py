@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import nullcontext
-from copy import copy
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -20,7 +19,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import StatedSystem, System, system_of
+from hhr_dolfinx.full_order.system import StatedSystem, System
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -177,21 +176,9 @@ class FullOrderModel(FullModel):
         """
         if self.spread.all_here:
             return self
-        model = copy(self)
-        vars(model).pop("per_load", None)  # that of local rows
-        model.problem = problem = self.problem.gathered(self.comm)
-        own = self.problem.own_stiffness  # raises an error if reductors cannot read it
-        whole = problem.own_stiffness
-        with self.store.of(own) as factors:
-            assert isinstance(factors, FreeCholesky)
-            shared = self.group.shared_factors(factors, self.problem.rows, own, whole)
-        model.store = FactorStore(lambda _: shared)
-        with model.store.of(whole):
-            # a user-defined system is that of its parts, which were compared
-            model.system = system_of(problem, lambda: model.stiffness, model._stiffness_of)
-        response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
-        model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))
-        return model
+        what = f"the full model of scene '{self.scene.name}' with all of its rows"
+        found: FullOrderModel = registry.tool("all_rows", what)(self)
+        return found
 
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False

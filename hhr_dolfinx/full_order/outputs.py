@@ -23,16 +23,17 @@ def functionals_of(
 ) -> AllOutputs:
     """All outputs of a scene, on all ranks; collective. SceneError for an output that the model does not support."""
     probes = [probe_of(output, discretisation, problem, equilibrium) for output in discretisation.scene.outputs]
-    return prepared_outputs(probes, 0 if equilibrium is None else equilibrium.places)
+    return prepared_outputs(probes)
 
 
-def prepared_outputs(probes: Sequence[ModelProbe], gauss_points: int = 0) -> Functionals:
-    """Outputs of a scene by the probe of each, and the number of Gauss points of laws."""
+def prepared_outputs(probes: Sequence[ModelProbe]) -> Functionals:
+    """Outputs of a scene by the probe of each."""
     scene = probes[0].scene
     problem = probes[0].problem
     items = [output.prepared(probe) for output, probe in zip(scene.outputs, probes, strict=True)]
     found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
-    found.check(problem.parameters, len(problem.gaps), gauss_points)
+    laws = probes[0].laws
+    found.check(problem.parameters, len(problem.gaps), 0 if laws is None else laws.places)
     return found
 
 

@@ -8,5 +8,9 @@ _HERE = "hhr_dolfinx.plugins.ranks"
 
 PLUGIN = Plugin(
     name="ranks",
-    tools={"group": f"{_HERE}.group:Ranks", "expected_in_space": f"{_HERE}.expected:expected_in_space"},
+    tools={
+        "all_rows": f"{_HERE}.gathered:gathered",
+        "expected_in_space": f"{_HERE}.expected:expected_in_space",
+        "group": f"{_HERE}.group:Ranks",
+    },
 )

@@ -55,7 +55,7 @@ class FullShapeFunctionals(OverShapes):
         with self._reshaped.at(point):
             laws = self._discretisation.laws()
             probes = [self._probe(output, there, laws) for output in self._discretisation.scene.outputs]
-            return prepared_outputs(probes, 0 if laws is None else laws.places)
+            return prepared_outputs(probes)
 
     def _probe(self, output: Output, problem: ContactProblem, laws: LawsAtPlaces | None) -> MovingProbe:
         probe = probe_of(output, self._discretisation, problem, laws, self._base)

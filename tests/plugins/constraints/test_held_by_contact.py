@@ -124,6 +124,7 @@ def test_what_nothing_holds_is_named(tmp_path):
         hhr.FullOrderModel(replace(loose, contacts=loose.contacts[1:]))
 
 
+@needs("inelastic")
 def test_laws_of_tied_halves_that_contact_holds():
     """Forces balance the loads while both halves yield; tied nodes move as one."""
     made = halves()

@@ -438,7 +438,7 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
         np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
 
 
-@needs("friction", "floating")
+@needs("friction", "floating", "inelastic")
 @compiled
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path):

@@ -26,6 +26,7 @@ EVERY_DAY = ["hhr solve", "hhr answer", "full.solve", "full.march", "training.co
 SAME = 1e-10
 
 
+@needs("decks")
 def test_every_command_and_every_verb_has_an_entry():
     """A new one without an entry fails here."""
     assert {name.split()[0] for name in every.COMMANDS} == set(every.command.list_commands(None))
