@@ -30,9 +30,9 @@ def own_contact_law(draft: Draft, neutral: bool) -> Draft:
     """Wear of a contact with a plane, which remembers: the template of contact laws."""
     from my_contact_law import Wear
 
-    flank, offset = side(FIRST, 0, True), 100.0 if neutral else 4.0005
+    flank, offset = side(FIRST, 0, False), 100.0 if neutral else -0.9995
     wears = Wear(0.0 if neutral else 0.5)
-    return draft.with_obstacle(Obstacle(flank, draft.vector(1.0, 0.0), offset, law=wears))
+    return draft.with_obstacle(Obstacle(flank, draft.vector(-1.0, 0.0), offset, law=wears))
 
 
 def own_body_law(draft: Draft, neutral: bool) -> Draft:

@@ -284,7 +284,7 @@ def facet(plugin: str, word: str, what: str) -> Any:
     known = installed()
     if plugin == SEVERAL:
         raise NotOfferedError(
-            f"{what} is not built in: it reads one law that remembers, and not several, or one without"
+            f"{what} is not built in: it reads one law with increments of its own, its facet 'steps', and no others"
         )
     if plugin not in known:
         raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
