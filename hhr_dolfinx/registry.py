@@ -28,8 +28,6 @@ SHARED = ("public", "classes", "commands", "kinds", "methods", "trainings", "pai
           "readers", "switches")  # fmt: skip
 """Mappings of manifests in which a name has one meaning for all plug-ins."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-SEVERAL = "several laws"
-"""Name in the place of a plug-in where contacts have laws of several, or one without memory."""
 
 
 class Way(NamedTuple):
@@ -282,10 +280,6 @@ def facet(plugin: str, word: str, what: str) -> Any:
         NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
     """
     known = installed()
-    if plugin == SEVERAL:
-        raise NotOfferedError(
-            f"{what} is not built in: it reads one law with increments of its own, its facet 'steps', and no others"
-        )
     if plugin not in known:
         raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
     if word not in known[plugin].facets:

@@ -15,7 +15,7 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses, active_set
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import found_as
-from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 
 
 class Reached(NamedTuple):
@@ -87,7 +87,7 @@ class WearIncrements:
         return {}
 
 
-class WearSteps(Steps):
+class WearSteps(LawSteps):
     """Facet ``steps``: its own solver, where no other law is in the scene."""
 
     def increments(self, model, settings):

@@ -13,10 +13,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.law import ContactLaw, PairLaw
-from hhr_dolfinx.contact.ranges import CurveStep, RangeSolver
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.contact_laws.ranges import CurveStep, RangeSolver
 from hhr_dolfinx.registry import Plugin
 
 
@@ -136,6 +136,7 @@ class GasketStep(CurveStep):
 
 PLUGIN = Plugin(
     name="my_gasket",
+    needs=("contact_laws",),
     public={"my_gasket": "Gasket"},
     classes={"my_gasket": "Gaskets"},
     memory=("closure",),

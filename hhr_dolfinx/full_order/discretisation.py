@@ -21,7 +21,6 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
-from hhr_dolfinx.contact.interface import alone, together
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, strained
@@ -226,9 +225,8 @@ class Discretisation(DiscreteSpace):
         for place, own in laws.items():
             of_plugins.setdefault(own.plugin, {})[place] = own
         found = [self._attached(some, rows, pairs, prolongation) for some in of_plugins.values()]
-        whole = found[0]
-        if len(found) > 1 or not alone(whole[2]):
-            whole = together(scene, list(of_plugins.values()), found, rows, pairs)
+        join = registry.tool("laws", f"scene '{scene.name}', whose contacts have {laws[min(laws)].words},")
+        whole: tuple[ContactRows, np.ndarray, ContactLaw] = join(scene, list(of_plugins.values()), found, rows, pairs)
         if scene.shapes and not whole[2].reshapes:
             raise SceneError(
                 f"contacts of scene '{scene.name}' have {whole[2].name}, and shapes depend on parameters: that is not "

@@ -88,7 +88,7 @@ class CondensedModel(KeptModel):
             raise_on_failure: raise at the first point without a solution, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """
-        if self.law.remembers:
+        if self.by_paths:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)

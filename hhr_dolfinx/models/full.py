@@ -20,7 +20,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.models.answer import Answer, ElasticFields, History, Path, SeveralAnswers
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
-from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
+from hhr_dolfinx.models.histories.path import check_settings, checked_path
 from hhr_dolfinx.models.model import AnsweringModel
 
 if TYPE_CHECKING:
@@ -181,16 +181,13 @@ class FullModel(AnsweringModel, ElasticFields):
             self.agree("march", steps, settings=settings)
         else:
             steps()
-        if self.equilibrium is not None:
-            return self.equilibrium.march(checked, settings, known=known, keep=keep)
 
         def keep_small(answer: Answer) -> None:
-            self.strains.look(answer)
+            if self.equilibrium is None:  # steps of bodies with laws are looked at as they are solved
+                self.strains.look(answer)
             keep(answer)
 
-        if self.law.remembers:
-            return self.follow(checked, settings, known=known, keep=keep_small)
-        return solve_along(self, checked, settings, known=known, keep=keep_small)
+        return self.follow(checked, settings, known=known, keep=keep_small)
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
         """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""

@@ -35,8 +35,8 @@ from hhr_dolfinx.models.answer import (
     outcome,
     unanswered,
 )
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Equilibrium, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path, solve_along
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Equilibrium, Histories, MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.shown import MOST, Shown, counted
 from hhr_dolfinx.plain import rebuilt
@@ -46,7 +46,6 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
-    from hhr_dolfinx.models.histories.increments import Increments
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
@@ -171,12 +170,17 @@ class AnsweringModel(Shown):
         return self.equilibrium is not None or self.law.remembers
 
     @property
+    def histories(self) -> Histories:
+        """What answers its paths: the equilibrium of bodies with laws, or the law of its contact conditions."""
+        return self.equilibrium or steps_of(self.law)
+
+    @property
     def known_error(self) -> str:
         """One line on the errors that the answers of this model have, or the reason why they have none."""
         from hhr_dolfinx.models.estimates import known_error
 
         known = known_error(self.fields)
-        return known if self.equilibrium is not None else steps_of(self.law).known_error(known)
+        return self.histories.known_error(known)
 
     def solve(
         self,
@@ -201,14 +205,8 @@ class AnsweringModel(Shown):
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
-        if self.equilibrium is not None:
-            return self.equilibrium.one_step(self, point, raise_on_failure, outside, gradient, **step)
-        if self.law.remembers and step.keys() <= {"converged"}:
-            from hhr_dolfinx.models.histories.increments import proportional, single
-
-            if not self.law.path_dependent:
-                return single(self, point, raise_on_failure, outside, gradient)
-            return proportional(self, point, raise_on_failure, outside, gradient, **step)
+        if self.by_paths:
+            return self.histories.one_step(self, point, raise_on_failure, outside, gradient, **step)
         if step:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
         self.check_range(point, outside)
@@ -244,10 +242,8 @@ class AnsweringModel(Shown):
         return forces[law.pressing(len(forces))]
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """History of elastic bodies whose law remembers, along a checked path; see :mod:`histories.increments`."""
-        from hhr_dolfinx.models.histories.increments import follow
-
-        return follow(self, path, settings, **how)
+        """History along a checked path; ``how``: see :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        return self.histories.march(self, path, settings, **how)
 
     def answering(self, history: History) -> AnsweringModel:
         """The model that answered a history: itself, or one of those that it uses."""
@@ -257,7 +253,7 @@ class AnsweringModel(Shown):
         """An answer of NaN to a checked point, (P,)."""
         return unanswered(point, self.sizes, self.fields, status)
 
-    def increments(self, settings: MarchSettings) -> Increments:
+    def increments(self, settings: MarchSettings) -> Any:
         """Solver of the increments of a law that remembers."""
         return steps_of(self.law).increments(self, settings)
 
@@ -306,9 +302,7 @@ class AnsweringModel(Shown):
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
         checked = checked_path(self.parameters, path)
-        if self.equilibrium is not None:
-            return self.equilibrium.march(checked, settings)
-        return self.follow(checked, settings) if self.law.remembers else solve_along(self, checked, settings)
+        return self.follow(checked, settings)
 
     def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.

@@ -148,7 +148,7 @@ class ReducedModel(KeptModel):
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; one by one with laws."""
-        if self.eliminated is None or self.law.remembers:
+        if self.eliminated is None or self.by_paths:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
 

@@ -38,7 +38,6 @@ TABLES = (".csv", ".parquet")
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
-    "contact.interface": "Interface Range",
     "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
     "models.condensed": "CondensedModel",

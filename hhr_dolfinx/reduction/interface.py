@@ -6,12 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.interface import Interface, ranged
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import InterfaceCompletion
 from hhr_dolfinx.models.histories.equilibrium import facet_of
-from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.reduction.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -27,23 +24,12 @@ def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompl
     """The law of a full model as hyper-reduced ones solve it, by ranges or its own increments, and its completion.
 
     Raises:
-        NotOfferedError: for a law without the facet ``range``, inelastic bodies with laws on ranges, or without a
-            plug-in that completes forces.
+        NotOfferedError: if no plug-in reduces the law.
     """
-    law = full.law
-    what = f"hyper-reduction of contacts with {law.name}"
-    complete = registry.tool("forces_outside", what)
-    if not isinstance(law, Interface) and steps_of(law).completes:
-        return law, complete
-    if full.equilibrium is not None:
-        raise NotOfferedError(
-            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of the RID, and an "
-            "answer has that of the whole contact surface alone"
-        )
-    found = ranged(law, full.conditions)
-    for part in found.ranges:
-        part.solver()
-    return found, complete
+    found: tuple[ContactLaw, Callable[..., InterfaceCompletion]] = registry.tool(
+        "reduced_law", f"hyper-reduction of contacts with {full.law.name}"
+    )(full)
+    return found
 
 
 class ReducedBodies(Protocol):

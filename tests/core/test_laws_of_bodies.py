@@ -60,7 +60,7 @@ class Equilibrium:
     def __init__(self, full):
         self._full = full
 
-    def march(self, path, settings=None, *, known=(), keep=lambda answer: None):
+    def march(self, model, path, settings=None, *, known=(), keep=lambda answer: None):
         history = History(*path[0])
         for age, (time, point) in enumerate(path[1:], start=1):
             answer: Answer = self._full._answered(point, None, "ignore", False)

@@ -44,27 +44,35 @@ class LawsAtPlaces(Protocol):
         """Von Mises' stress of an output in some cells, by their numbers."""
 
 
-class Equilibrium(Protocol):
+class Histories(Protocol):
+    """Answers along paths: a law of contacts, or the equilibrium of bodies with laws."""
+
+    def march(
+        self,
+        model: Any,
+        path: Path,
+        settings: MarchSettings,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = ...,
+    ) -> History:
+        """History of a model along a checked path; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`."""
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """Answer of a model to a point, (P,), from rest; ``step``: further arguments of its ``solve``."""
+
+    def known_error(self, known: str) -> str:
+        """Line on the errors of answers, from that of unilateral contact of elastic bodies."""
+
+
+class Equilibrium(Histories, Protocol):
     """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it."""
 
     @property
     def reader(self) -> str:
         """Name of the plug-in, whose facets do the rest, see :func:`facet_of`."""
-
-    def march(
-        self,
-        path: Path,
-        settings: MarchSettings = ...,
-        *,
-        known: Sequence[Answer] = (),
-        keep: Callable[[Answer], None] = ...,
-    ) -> History:
-        """History along a checked path from rest; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`."""
-
-    def one_step(
-        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
-    ) -> Answer:
-        """Answer of a model at a point, (P,), by one step from rest; ``step``: further arguments of its ``solve``."""
 
 
 class FullEquilibrium(Equilibrium, LawsAtPlaces, Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -66,6 +66,53 @@ def left_with(history: History) -> Iterator[None]:
         raise
 
 
+class Walk(Protocol):
+    """What solves the steps of one history, one after another."""
+
+    def known(self, number: int, answer: Answer) -> Answer:
+        """Take in the answer of step ``number``, from 1 on, which the full model solved before."""
+
+    def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
+        """Answer at the end of a step, at a time and a point, (P,)."""
+
+
+def walked(
+    walk: Walk, path: Path, history: History, known: Sequence[Answer], keep: Callable[[Answer], None]
+) -> History:
+    """Answer a checked path into a history: known steps first; ``keep`` is called with each new one."""
+    with left_with(history):
+        for number, (time, point) in enumerate(path[1:], start=1):
+            new = number > len(known)
+            answer = walk.solved(number, time, point) if new else walk.known(number, known[number - 1])
+            history.cuts += answer.parts > 1
+            history.answers.append(answer)
+            if new:
+                keep(answer)
+    return history
+
+
+class _PointByPoint:
+    """Steps of an elastic model: every point is solved from the statuses of the one before."""
+
+    def __init__(self, model: Model, settings: MarchSettings):
+        self.model = model
+        self.outside = settings.outside
+        # baselines may lack gradients: pass the argument only if it is set
+        self.wanted = {"gradient": True} if settings.gradient else {}
+        self.start: str | np.ndarray = "nearest"
+
+    def known(self, number: int, answer: Answer) -> Answer:
+        """Its statuses are the next start."""
+        self.start = answer.active
+        return answer
+
+    def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
+        """Answer at a point, whatever was before."""
+        answer = self.model.solve(point, start=self.start, outside=self.outside, **self.wanted)
+        self.start = answer.active
+        return answer._replace(time=time, time_error=0.0)
+
+
 def solve_along(
     model: Model,
     path: Path,
@@ -79,18 +126,4 @@ def solve_along(
     Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
-    history = History(*path[0])
-    start: str | np.ndarray = "nearest"
-    with left_with(history):
-        for number, (time, point) in enumerate(path[1:]):
-            if number < len(known):
-                answer = known[number]
-            else:
-                # baselines may lack gradients: pass the argument only if it is set
-                wanted = {"gradient": True} if settings.gradient else {}
-                answer = model.solve(point, start=start, outside=settings.outside, **wanted)
-                answer = answer._replace(time=time, time_error=0.0)
-                keep(answer)
-            history.answers.append(answer)
-            start = answer.active
-    return history
+    return walked(_PointByPoint(model, settings), path, History(*path[0]), known, keep)

@@ -1,4 +1,4 @@
-"""Facet ``steps`` of a law of interfaces: what it does in the histories of models."""
+"""What answers paths: the law of the contact conditions, by its facet ``steps``, or bodies with laws."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.interface import Interface
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
+from hhr_dolfinx.models.histories.path import solve_along
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.answer import Answer, History, Model, Path
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-    from hhr_dolfinx.models.histories.increments import Increments
 
 
 class Steps:
@@ -26,7 +25,17 @@ class Steps:
     # whether it completes the memory of hyper-reduced models on the whole surface; else facet ``range`` solves these
     completes: ClassVar[bool] = False
 
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+    def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
+        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        raise NotOfferedError(f"histories are not built in with {model.law.name}")
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        raise NotOfferedError(f"answers to single points are not built in with {model.law.name}")
+
+    def increments(self, model: Any, settings: MarchSettings) -> Any:
         """Solver of the increments of a history of elastic bodies, for a model whose law remembers."""
         raise NotOfferedError(f"increments of elastic bodies are not built in with {model.law.name}")
 
@@ -51,12 +60,16 @@ class Steps:
         return math.nan
 
     def known_error(self, known: str) -> str:
-        """Line on the errors of answers of elastic bodies, from that of unilateral contact."""
+        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
         return known
 
 
 class UnilateralSteps(Steps):
-    """Unilateral contact remembers nothing."""
+    """Unilateral contact remembers nothing: each point of a path has its answer."""
+
+    def march(self, model: Model, path: Path, settings: MarchSettings, **how: Any) -> History:
+        """Point by point."""
+        return solve_along(model, path, settings, **how)
 
     def step_contact(self, model: object, before: Answer, point: np.ndarray, time: float) -> StepContact:
         """By the active set."""
@@ -71,65 +84,12 @@ class UnilateralSteps(Steps):
         return 0.0
 
 
-class InterfaceSteps(Steps):
-    """Laws of several plug-ins, or without memory; their increments are in :mod:`.ranges`."""
-
-    completes = True
-
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        """All laws together."""
-        from hhr_dolfinx.models.histories.ranges import RangesIncrements
-
-        if settings.limit:
-            raise NotOfferedError(
-                f"derivatives of the limit of small increments are not built in with {model.law.name}: take those of "
-                "the increments, MarchSettings(gradient=True)"
-            )
-        return RangesIncrements(model, settings.gradient)
-
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
-        """All laws on the S of each linearisation."""
-        from hhr_dolfinx.models.histories.ranges import RangesStep
-
-        return RangesStep(model.law, before, point, time)
-
-    def at_rest(self, model: Any) -> Memory:
-        """Of all laws."""
-        memory = NO_MEMORY
-        for part in model.law.ranges:
-            memory = memory | part.solver().at_rest()
-        return memory
-
-    def watch(self, model: Any) -> Callable[[Answer], None]:
-        """Of all laws."""
-        solvers = [part.solver() for part in model.law.ranges]
-
-        def check(answer: Answer) -> None:
-            for solver in solvers:
-                solver.check(answer.memory, model.parameters.described(answer.parameter))
-
-        return check
-
-    def coupling(self, model: Any, point: np.ndarray) -> float:
-        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of their parts in it."""
-        if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
-            return math.nan
-        return sum(part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges)
-
-    def known_error(self, known: str) -> str:
-        """With several answers the error refers to one of them."""
-        return f"{known}; of one answer, of several unless uniqueness(mu) says 'one answer'"
-
-
 _UNILATERAL = UnilateralSteps()
-_INTERFACE = InterfaceSteps()
 
 
 def steps_of(law: ContactLaw) -> Steps:
     """The facet of a law; NotOfferedError if its plug-in does not have it."""
     if not law.plugin:
         return _UNILATERAL
-    if isinstance(law, Interface):
-        return _INTERFACE
     found: Steps = registry.facet(law.plugin, "steps", f"what contacts with {law.name} do along a path")
     return found

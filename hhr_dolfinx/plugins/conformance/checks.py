@@ -17,9 +17,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.certify.compare import residuals_of
-from hhr_dolfinx.contact.interface import Range
 from hhr_dolfinx.contact.law import ContactLaw
-from hhr_dolfinx.contact.ranges import RangeSolver, RangeStep
 from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import ClaimError, FileContentError, HHRError, NotOfferedError, PairingWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -35,6 +33,8 @@ from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.conformance.draft import Between
+from hhr_dolfinx.plugins.contact_laws.interface import Range
+from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Pod, Recipe, Zone
 from hhr_dolfinx.scene import Displacement, Opening, Scene

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.interface import Range, ranged
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.contact_laws.interface import Range, ranged
 from hhr_dolfinx.reduction.modes import pod
 
 if TYPE_CHECKING:

@@ -66,7 +66,8 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     if tree["missing"]:
         warn(
             f"the C header has no output {', '.join(tree['missing'])}: only Python computes outputs that read "
-            "displacements if stiffness or shape varies, areas if shapes vary, and squares of stress and strain",
+            "displacements if stiffness or shape varies, areas if shapes vary, von Mises' stress, and energies of "
+            "heated bodies, of those with laws and of those that contact alone holds",
             ModelFileWarning,
         )
     data = _Data(tree, arrays.arrays)
@@ -347,6 +348,8 @@ class _Data:
         if item["kind"] == "linear":
             names = {key: item[key] for key in ("forces", "terms", "motions") if key in item} | item.get("moved", {})
             return "{" + ", ".join(f".{key} = {self._put(name)}" for key, name in names.items()) + "}"
+        if item["kind"] == "quadratic":
+            return f"{{.half = {self._put(item['half'])}}}"
         own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
         own += f".count = {self.arrays[item['conditions']].size}, "
         if item["kind"] == "largest":

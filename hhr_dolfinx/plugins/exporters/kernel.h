@@ -53,6 +53,7 @@ typedef struct {
     double offset, factor, least;
     int count, largest;
     const double *modes, *given, *pushed, *forced; /* of a displacement of inelastic bodies */
+    const double *half; /* of a quadratic one: second derivatives along forces and theta, the lower half by rows */
 } model_output;
 
 /* The smaller and the larger one of two numbers; NaN if either is NaN. */
@@ -331,6 +332,18 @@ static inline void model_read(const model_work *w, double *outputs) {
     for (int k = 0; k < MODEL_OUTPUTS; k++) {
         const model_output *item = &model_outputs[k];
         double value = 0, most = -DBL_MAX, loaded = 0;
+        if (item->half) {
+            const double *row = item->half;
+            for (int i = 0; i < MODEL_CONDITIONS + MODEL_TERMS; row += ++i) {
+                const double x = i < MODEL_CONDITIONS ? w->forces[i] : w->theta[i - MODEL_CONDITIONS];
+                double slope = row[i] * x / 2;
+                for (int j = 0; j < i; j++)
+                    slope += row[j] * (j < MODEL_CONDITIONS ? w->forces[j] : w->theta[j - MODEL_CONDITIONS]);
+                value += slope * x;
+            }
+            outputs[k] = value;
+            continue;
+        }
         if (item->forces) {
             for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
             for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];

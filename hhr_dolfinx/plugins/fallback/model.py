@@ -149,7 +149,9 @@ class FallbackModel(AnsweringModel):
         return self.full._answered(point, None, outside, gradient)
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`AnsweringModel`; one model answers the whole history."""
+        """See :class:`AnsweringModel`; one model answers the whole history of a law that remembers."""
+        if not self.by_paths:
+            return super().follow(path, settings, **how)
         check_settings(settings)
         self.asked += 1
         history = self._reduced_history(path, settings, how)
@@ -206,7 +208,7 @@ class FallbackModel(AnsweringModel):
         """Answer many parameters, (n, P), at once by the reduced model, those with a large error by the full one."""
         from hhr_dolfinx.models.many import PartedAnswers
 
-        if self.law.remembers:
+        if self.by_paths:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         outside = self._checked_outside(outside)
         checked = self.parameters.points(points)

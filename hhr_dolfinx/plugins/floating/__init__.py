@@ -8,6 +8,7 @@ _HERE = "hhr_dolfinx.plugins.floating"
 
 PLUGIN = Plugin(
     name="floating",
+    optional=("contact_laws",),
     classes={f"{_HERE}.elimination": "FloatingElimination", f"{_HERE}.interpolated": "MotionsBeside"},
     tools={"kernel": f"{_HERE}.kernel:RigidKernel"},
     switches={f"{_HERE}.switches": "floating"},

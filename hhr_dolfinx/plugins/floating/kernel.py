@@ -16,7 +16,6 @@ from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.interface import Interface, Range
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
     NotOfferedError,
@@ -28,6 +27,7 @@ from hhr_dolfinx.errors import (
     rounded,
 )
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
+from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
 from hhr_dolfinx.plugins.floating.interpolated import MotionsBeside
 from hhr_dolfinx.plugins.floating.linearised import LinearisedMotions

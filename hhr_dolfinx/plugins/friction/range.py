@@ -1,4 +1,4 @@
-"""Facet ``range`` of friction: its increments next to laws of other plug-ins, see :mod:`hhr_dolfinx.contact.ranges`."""
+"""Facet ``range`` of friction: increments next to laws of other plug-ins, see :mod:`plugins.contact_laws.ranges`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.contact.ranges import Coupling, Linearised, RangeSolver, RangeStep, UnilateralStep
 from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.contact_laws.ranges import Coupling, Linearised, RangeSolver, RangeStep, UnilateralStep
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, bounds
 from hhr_dolfinx.plugins.friction.slider import APART, WORK
 from hhr_dolfinx.plugins.friction.sliding_set import PROBES, elastic_slip

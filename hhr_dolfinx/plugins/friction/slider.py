@@ -19,7 +19,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
-from hhr_dolfinx.models.histories.increments import Target
+from hhr_dolfinx.plugins.contact_laws.increments import Target
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
@@ -63,22 +63,22 @@ class Solved(NamedTuple):
 
     @property
     def status(self) -> Status:
-        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
         return self.found.status
 
     @property
     def iterations(self) -> int:
-        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
         return self.found.iterations
 
     @property
     def cycled(self) -> bool:
-        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
         return self.found.sweeps > 0
 
 
 class Slider:
-    """Solves increments of one model; see :class:`~hhr_dolfinx.models.histories.increments.Increments`.
+    """Solves increments of one model; see :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`.
 
     The model is full or condensed, with a :class:`Friction` as its law; its ``contacts`` makes the contact problems.
 
@@ -233,7 +233,7 @@ class Slider:
         self._far.check(self.surface.whole, place.slip, self.model.parameters.described(place.point))
 
     def advice(self, solved: Solved) -> Mapping[Status, str]:
-        """See :class:`~hhr_dolfinx.models.histories.increments.Increments`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`."""
         found = solved.found
         if found.status is Status.ADRIFT:
             return {found.status: "friction does not bear its loads, or nothing presses on it"}

@@ -12,8 +12,8 @@ from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.increments import Increments
-from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.plugins.contact_laws.increments import Increments
+from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
@@ -58,7 +58,7 @@ class _RubbingStep:
         return Memory(slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point))
 
 
-class _Steps(Steps):
+class _Steps(LawSteps):
     completes = True
 
     def increments(self, model: Any, settings: MarchSettings) -> Increments:

@@ -41,7 +41,7 @@ PLUGIN = Plugin(
         f"{_HERE}.condensed_fields": "CondensedFlowFields PartFactors PlasticFields",
         f"{_HERE}.condensed_flow": "CondensedFlow CondensedFlowModel",
         f"{_HERE}.law": "LawProgram",
-        f"{_HERE}.outputs": "FlowMises",
+        f"{_HERE}.outputs": "FlowEnergy FlowMises",
         f"{_HERE}.reduced_flow": "ReducedFlow",
         f"{_HERE}.strain": "StrainOperator",
         f"{_HERE}.trained": "TrainedPaths",

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -280,7 +280,7 @@ class CorrectionSettings(Reductor["_Shared"]):
             raise ReductionError(
                 "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
             )
-        if not any_flowed(snapshots):
+        if not any_flowed(snapshots) and not equilibrium_of(full).material.linear:
             # corrections are then round-off, not zero
             raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
 
@@ -297,7 +297,7 @@ class CorrectionSettings(Reductor["_Shared"]):
             answers = [answer for history in snapshots.histories for answer in history.answers]
             corrections = np.stack([elastic.correction(full.problem, answer) for answer in answers], axis=1)
         with task.log.stage("reconstruction", task.announce):
-            fields = _FieldModes.of(full, snapshots)
+            fields = _FieldModes.of(full, snapshots) if any_flowed(snapshots) else _FieldModes.at_rest(full)
         return _Shared(full, snapshots, elastic, answers, corrections, fields, task.log, task.announce)
 
     def levels(self, task: Task) -> Iterable[int]:
@@ -305,8 +305,24 @@ class CorrectionSettings(Reductor["_Shared"]):
         return range(self.attempts)
 
     def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
-        """One model."""
+        """One model; without inelastic strain in training laws are linear, and corrections zero."""
         settings = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
+        flows = any_flowed(prepared.snapshots)
+        chosen = self._chosen(settings, prepared) if flows else _at_rest(prepared)
+        domain = chosen.domain
+        cubature = chosen.cubature
+        energy = domain.largest_energy(cubature)
+        if energy > LARGEST_ENERGY:
+            raise UnstableModelError(
+                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and "
+                "tangents may turn their sign: allow more points (most_points), or a smaller stability"
+            )
+        model = _model(prepared, chosen)
+        counts = chosen.basis.shape[1], model.flow.points.size, domain.points.size
+        return model, CorrectionFacts(settings, *counts, cubature.misfit, energy)
+
+    def _chosen(self, settings: CorrectionSettings, prepared: _Shared) -> _Chosen:
+        """Modes of the corrections of training states, points with inelastic strain there, and their cubature."""
         full = prepared.full
         problem = full.problem
         log = prepared.log
@@ -321,25 +337,7 @@ class CorrectionSettings(Reductor["_Shared"]):
             stressed = domain.stressed(full, elastic, answers, prepared.corrections[:, kept], sizes[kept])
             cubature = domain.cubature(stressed, settings, prepared.known[-1] if prepared.known else None)
             prepared.known[:] = [cubature]
-            del stressed
-            energy = domain.largest_energy(cubature)
-        if energy > LARGEST_ENERGY:
-            raise UnstableModelError(
-                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and "
-                "tangents may turn their sign: allow more points (most_points), or a smaller stability"
-            )
-        with log.stage("online_arrays", prepared.announce):
-            flow = _online(full, elastic, basis, domain, cubature, answers)
-            fields = CondensedFlowFields(
-                problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-                elastic.given, problem.block_size, prepared.fields.on(flow.points, equilibrium_of(full)),
-                plain_outputs(full), problem.law, full,
-            )  # fmt: skip
-            model = CondensedFlowModel(flow, full.parameters, fields)
-        with log.stage("compilation", prepared.announce):  # once for an installation, not for each model
-            model.march(prepared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
-        counts = basis.shape[1], flow.points.size, domain.points.size
-        return model, CorrectionFacts(settings, *counts, cubature.misfit, energy)
+        return _Chosen(basis, domain, cubature, answers)
 
     def off(self, comparison: Comparison | None) -> float:
         """Largest error over its target."""
@@ -383,6 +381,53 @@ class _Shared:
     announce: Announce
     known: list[Cubature] = field(default_factory=list)
     """Cubature of the last attempt, if there was one: the next one starts from its points."""
+
+
+class _Chosen(NamedTuple):
+    """Modes, and where laws are evaluated."""
+
+    basis: np.ndarray  # (N, ell)
+    domain: FlowingDomain
+    cubature: Cubature
+    answers: list[Answer]  # training states with corrections
+
+
+def _at_rest(prepared: _Shared) -> _Chosen:
+    """A mode and points that do no work, one of each body: laws are evaluated there, and the correction stays zero."""
+    full = prepared.full
+    elastic = prepared.elastic
+    points = _first_points(equilibrium_of(full).material.groups)
+    components = equilibrium_of(full).operator.components
+    nothing = np.zeros((points.size, components, 1))
+    response = elastic.per_force[:, 0]
+    mode = np.where(elastic.parts == elastic.parts[np.abs(response).argmax()], response, 0.0)
+    mode /= math.sqrt(mode @ (full.problem.stiffness @ mode))
+    domain = FlowingDomain(points, np.zeros(points.size), nothing, nothing)
+    cubature = Cubature(np.arange(points.size), np.ones(points.size), 0.0)
+    return _Chosen(mode[:, None], domain, cubature, prepared.answers)
+
+
+def _first_points(groups: Iterable[Group]) -> np.ndarray:
+    """The first Gauss point of each body, by their numbers, increasing."""
+    return np.sort([group.indices[0] for group in groups]).astype(np.int64)
+
+
+def _model(prepared: _Shared, chosen: _Chosen) -> CondensedFlowModel:
+    """The model of modes and a cubature."""
+    full = prepared.full
+    problem = full.problem
+    elastic = prepared.elastic
+    with prepared.log.stage("online_arrays", prepared.announce):
+        flow = _online(full, elastic, *chosen)
+        fields = CondensedFlowFields(
+            problem.amplitudes, elastic.factors, elastic.parts, chosen.basis, elastic.per_force, elastic.forced,
+            elastic.given, problem.block_size, prepared.fields.on(flow.points, equilibrium_of(full)),
+            plain_outputs(full), problem.law, full,
+        )  # fmt: skip
+        model = CondensedFlowModel(flow, full.parameters, fields)
+    with prepared.log.stage("compilation", prepared.announce):  # once for an installation, not for each model
+        model.march(prepared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
+    return model
 
 
 def _online(
@@ -489,11 +534,25 @@ class _FieldModes:
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
-        problem = full.problem
-        equilibrium = equilibrium_of(full)
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
+        cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
+        return cls._balanced(full, flowed, plastic, cumulated)
+
+    @classmethod
+    def at_rest(cls, full: FullModel) -> _FieldModes:
+        """A mode each, at a point of each body, of which linear laws take no part."""
+        equilibrium = equilibrium_of(full)
+        flowed = _first_points(equilibrium.material.groups)
+        plastic, cumulated = (np.eye(flowed.size * count, 1) for count in (equilibrium.operator.components, 1))
+        return cls._balanced(full, flowed, plastic, cumulated)
+
+    @classmethod
+    def _balanced(cls, full: FullModel, flowed: np.ndarray, plastic: np.ndarray, cumulated: np.ndarray) -> _FieldModes:
+        """Modes with the displacement that balances each."""
+        problem = full.problem
+        equilibrium = equilibrium_of(full)
         material = equilibrium.material.moduli_at(problem.middle)
         bodies = np.array([group.elasticity(material.components)[0] for group in material.groups])
         kinds = np.empty(material.gauss_points, dtype=np.int64)
@@ -507,7 +566,6 @@ class _FieldModes:
             stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
             column[:] = equilibrium.internal(stress)[0]
         displacements = full.stiffness.columns(csc_matrix(forces))
-        cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, bodies, kinds, grading)
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:

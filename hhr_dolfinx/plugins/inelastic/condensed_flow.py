@@ -35,7 +35,7 @@ from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
-from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_fields import SAME, CondensedFlowFields, PartFactors
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, extrapolated, texts_of
 from hhr_dolfinx.plugins.inelastic.law import State, Update
@@ -159,7 +159,12 @@ class CondensedEquilibrium(Histories):
         """w (G V)^T C dε_p/dε from consistent tangents on Z, (n, c, c): (ell, c n)."""
         shape = (self.modes, self.flow.components, self.points.size)
         elastic = self.material.elastic
-        slopes = np.linalg.solve(elastic, elastic - tangents)
+        laws = (group.law for group in self.material.groups if group.law is not None)
+        # laws that state the elasticity in plane stress have none across
+        if any(law.elastic and law.plane_stress for law in laws):
+            slopes = np.linalg.pinv(elastic, rcond=SAME, hermitian=True) @ (elastic - tangents)
+        else:
+            slopes = np.linalg.solve(elastic, elastic - tangents)
         return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(self.modes, -1)
 
     def gaps(self, theta: Theta) -> np.ndarray:

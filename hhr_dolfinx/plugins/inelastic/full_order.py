@@ -31,7 +31,7 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
-from hhr_dolfinx.plugins.inelastic.outputs import FlowMises, mises
+from hhr_dolfinx.plugins.inelastic.outputs import FlowEnergy, FlowMises, energy, mises
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -42,6 +42,7 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.outputs import NamedOutput
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,10 @@ class GaussModel:
     def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
         return mises(self.operator, output, cells)
+
+    def energy(self, output: NamedOutput) -> FlowEnergy:
+        """Elastic energy of an output."""
+        return energy(self.operator, self.material, output)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model."""
@@ -143,6 +148,7 @@ class FullEquilibrium(MeshEquilibrium):
         self._lay(gauss, problem)
         self.places = gauss.places
         self.mises = partial(mises, gauss.operator)
+        self.energy = partial(energy, gauss.operator, gauss.material)
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts

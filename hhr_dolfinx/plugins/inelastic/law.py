@@ -291,6 +291,23 @@ class LawProgram(Rebuilt):
         """Number of components of all internal variables."""
         return int(self.sizes.sum())
 
+    @cached_property
+    def linear(self) -> bool:
+        """True if the stress is one at rest and C times the strain: no slope depends on strain, memory or time.
+
+        In plane stress the strain across is an unknown, and kept.
+        """
+        count = len(self.kinds)
+        if self.formulas or self.reason or count > self.plane_stress or len(self.memory) > len(STANDARD) + count:
+            return False
+        changing = self.program.inputs - 2 - len(self.constants)
+        depends = self.program.depends
+        if not count:
+            return not depends((TRIAL, REST, REST_SLOPES), changing)
+        # the residual itself comes before its slopes
+        locally = depends((TRIAL, START, LOCAL), changing, first=count)
+        return not locally and not depends((TRIAL, START, AFTER, SLOPES), changing)
+
     @property
     def coded(self) -> tuple[Program, list[int], np.ndarray]:
         """Program, sizes and kinds of unknowns for :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`."""

@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableErr
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
-from hhr_dolfinx.models.histories.path import check_settings, left_with
+from hhr_dolfinx.models.histories.path import check_settings, left_with, walked
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import warn_undetermined
 from hhr_dolfinx.one_thread import one_thread
@@ -41,6 +41,7 @@ class Histories(Equilibrium):
 
     def march(
         self,
+        model: object,
         path: Path,
         settings: MarchSettings = DEFAULT_MARCH,
         *,
@@ -49,6 +50,10 @@ class Histories(Equilibrium):
     ) -> History:
         """History along a checked path, see :func:`march`."""
         return march(self._marching(settings), path, settings, known=known, keep=keep)
+
+    def known_error(self, known: str) -> str:
+        """As it is."""
+        return known
 
     def _marching(self, settings: MarchSettings) -> Equilibrium:
         """Equilibrium that solves histories with some settings."""
@@ -109,20 +114,8 @@ def march(
                 "increments are exact, MarchSettings(gradient=True)"
             )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    with left_with(history):
-        try:
-            with model.lock:
-                _march(model.at(path[0][1]), path, settings, history, known, keep)
-        except Diverged as failure:
-            step = len(history.answers) + 1
-            place = ""
-            if failure.worst is not None:
-                number = int(model.points[failure.worst])
-                place = f"; worst at Gauss point {number}, in cell {number // model.per_cell}"
-            raise ConvergenceError(
-                f"step {step} to t = {path[step][0]:g} s did not converge: {failure}{place}. "
-                f"Take smaller steps; the {step - 1} steps before are kept"
-            ) from None
+    with model.lock, left_with(history):
+        walked(_Steps(model.at(path[0][1]), path, settings, history), path, history, known, keep)
     if settings.time_error:
         warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
@@ -132,50 +125,71 @@ def march(
     return history
 
 
-def _march(
-    model: Equilibrium,
-    path: Path,
-    settings: MarchSettings,
-    history: History,
-    known: Sequence[Answer],
-    keep: Callable[[Answer], None],
-) -> None:
-    """Solve the steps of a checked path into a history."""
-    trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
-    stepper = model.stepper(tightened(settings))
-    check = steps_of(model.law).watch(model)
-    watch = Watch(model.trained, settings.outside)
-    second = None
-    if settings.time_error or settings.time_tolerance is not None:
-        second = SecondSolution(model, settings, trail[0])
-    for number, (time, target) in enumerate(path[1:], start=1):
-        watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
-        turned = _turns(model, trail, target)
+class _Steps:
+    """Steps of one history along a checked path; its signs go into the history as they are solved."""
+
+    def __init__(self, model: Equilibrium, path: Path, settings: MarchSettings, history: History):
+        self.model = model
+        self.path = path
+        self.history = history
+        self.trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
+        self.stepper = model.stepper(tightened(settings))
+        self.check = steps_of(model.law).watch(model)
+        self.watch = Watch(model.trained, settings.outside)
+        timed = settings.time_error or settings.time_tolerance is not None
+        self.second = SecondSolution(model, settings, self.trail[0]) if timed else None
+
+    def _begun(self, number: int, time: float, point: np.ndarray) -> bool:
+        """Check the start of a step; True if the path turns there."""
+        here = self.trail[-1]
+        self.watch.before(number, here.time, time, here.parameter, point)
+        turned = _turns(self.model, self.trail, point)
         if turned:
             # the inelastic bodies of the last step respond elastically now: an extrapolation would mislead
-            trail = trail[-1:]
-        if number <= len(known):
-            after = model.together.own(known[number - 1])
-            stepper.learn(after)
-            if second is not None:
-                second.follow(trail[-1], after, turned)
-        else:
-            after = _stepped(stepper, trail, Goal(time, target), second, number, turned)
-        check(after)
-        signs = model.signs(after)
-        # a refused step is not kept
-        watch.after(number, time, signs)
-        whole = model.together.whole(after) if number > len(known) else known[number - 1]
-        if after.undetermined is not None and all(answer.undetermined is None for answer in history.answers):
-            warn_undetermined(model.parameters, whole)  # once for a path
-        history.answers.append(whole)
-        history.signs.append(signs)
-        history.cuts += after.parts > 1
-        report = number, len(path) - 1, time, after.iterations, after.parts
+            self.trail = self.trail[-1:]
+        return turned
+
+    def known(self, number: int, answer: Answer) -> Answer:
+        """Take in a step that the full model solved before."""
+        turned = self._begun(number, *self.path[number])
+        after = self.model.together.own(answer)
+        self.stepper.learn(after)
+        if self.second is not None:
+            self.second.follow(self.trail[-1], after, turned)
+        return self._ended(number, after, answer)
+
+    def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
+        """Solve a step, cut as often as necessary."""
+        turned = self._begun(number, time, point)
+        try:
+            after = _stepped(self.stepper, self.trail, Goal(time, point), self.second, number, turned)
+        except Diverged as failure:
+            raise self._lost(number, time, failure) from None
+        return self._ended(number, after, None)
+
+    def _lost(self, number: int, time: float, failure: Diverged) -> ConvergenceError:
+        place = ""
+        if failure.worst is not None:
+            point = int(self.model.points[failure.worst])
+            place = f"; worst at Gauss point {point}, in cell {point // self.model.per_cell}"
+        return ConvergenceError(
+            f"step {number} to t = {time:g} s did not converge: {failure}{place}. "
+            f"Take smaller steps; the {number - 1} steps before are kept"
+        )
+
+    def _ended(self, number: int, after: Answer, whole: Answer | None) -> Answer:
+        """Check the end of a step, and return it as one answer of all ranks."""
+        self.check(after)
+        signs = self.model.signs(after)
+        self.watch.after(number, after.time, signs)  # a refused step is not kept
+        whole = self.model.together.whole(after) if whole is None else whole
+        if after.undetermined is not None and all(answer.undetermined is None for answer in self.history.answers):
+            warn_undetermined(self.model.parameters, whole)  # once for a path
+        self.history.signs.append(signs)
+        report = number, len(self.path) - 1, after.time, after.iterations, after.parts
         _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *report)
-        if number > len(known):
-            keep(whole)
-        trail = (*trail[-2:], after)
+        self.trail = (*self.trail[-2:], after)
+        return whole
 
 
 def _stepped(

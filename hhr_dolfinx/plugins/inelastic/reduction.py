@@ -157,7 +157,8 @@ class _Comparison:
 
     def warn_of_training(self, full: FullModel, snapshots: Solutions) -> None:
         """Warn of histories without plastic strain."""
-        if equilibrium_of(full).material.flows and not flowed(snapshots):
+        material = equilibrium_of(full).material
+        if material.flows and not material.linear and not flowed(snapshots):
             warn(
                 "no body flows in any training history though some could: tangents under flow were not checked, and a "
                 "history that flows is outside what was trained. Train at higher loads, or leave the laws out",

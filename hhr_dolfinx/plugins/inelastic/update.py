@@ -192,6 +192,11 @@ class Material:
         return any(group.law is not None for group in self.groups)
 
     @property
+    def linear(self) -> bool:
+        """True if all laws are linear elasticity, so that nothing flows whatever the loads."""
+        return all(group.law is None or group.law.linear for group in self.groups)
+
+    @property
     def rated(self) -> bool:
         """True if any law depends on rates."""
         return any(group.law is not None and group.law.rated for group in self.groups)

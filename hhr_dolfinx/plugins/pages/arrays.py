@@ -25,6 +25,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
@@ -206,12 +207,39 @@ def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str
     for number, item in enumerate(items):
         # from forces at constant shape, or from displacements with known maps
         known = not item.count or isinstance(fields, ExactFields) or flows(model)
+        if _is_quadratic(model, item):
+            half_of_it = arrays.put(f"output{number}_half", half(_second_derivatives(model, item)))
+            found.append({"name": item.name, "unit": item.unit, "kind": "quadratic", "half": half_of_it})
+            continue
         if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded) or not known:
             missing.append(item.name)
             continue
         own = _linear(model, item, number, arrays) if isinstance(item, Linear) else _of_forces(item, number, arrays)
         found.append({"name": item.name, "unit": item.unit} | own)
     return found, missing
+
+
+def _is_quadratic(model: Any, item: Functional) -> bool:
+    """True for a quadratic form of forces and θ: of a constant shape, with known maps, and without motions."""
+    fields = model.fields
+    known = isinstance(fields, ExactFields) and not flows(model) and not model.eliminated.keeps_kernel
+    return known and not np.size(fields.functionals.axes) and bool(getattr(item, "quadratic", False))
+
+
+def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
+    """Those of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T), by its slopes for units of both."""
+    fields = model.fields
+    m = model.conditions
+    rows = item.matrix(fields.functionals.size)
+    read = np.hstack([-(rows @ fields.per_force), rows @ fields.per_term + dense(rows @ fields.lifts)])
+    found = np.zeros((read.shape[1],) * 2)
+    for row, unit in zip(found, np.eye(len(found)), strict=True):
+        nothing = np.zeros((0, 1))
+        part = item.slopes(State(unit[:m], read @ unit, model.parameters.middle, unit[m:], nothing.copy))
+        row += part.measured @ read
+        row[m:] += part.theta
+        np.add.at(row, part.conditions, part.forces)
+    return found
 
 
 def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:

@@ -304,6 +304,15 @@ const hhr = (() => {
         const [pushed, loaded] = [dot(this.arrays[item.forces], forces), dot(this.arrays[item.terms], theta)];
         return pushed + loaded + (item.motions ? dot(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
       }
+      if (item.kind === "quadratic") { // second derivatives along forces and θ, their lower half by rows
+        const half = this.arrays[item.half], along = [...forces, ...theta];
+        return along.reduce((sum, x, i) => {
+          const first = i * (i + 1) / 2;
+          let slope = half[first + i] * x / 2;
+          for (let j = 0; j < i; j++) slope += half[first + j] * along[j];
+          return sum + slope * x;
+        }, 0);
+      }
       const places = this.arrays[item.conditions], areas = this.arrays[item.areas], counted = this.arrays[item.counted];
       let most = -Infinity;
       places.forEach((place, k) => { most = Math.max(most, forces[place] / areas[k]); });

@@ -80,6 +80,16 @@ class Program(Rebuilt):
         if not all(0 <= place < self.registers and defined[place] for place in found.tolist()):
             yield f"an output of part {part} is not computed"
 
+    def depends(self, line: Sequence[int], inputs: int, first: int = 0) -> bool:
+        """True if outputs of the last of some parts, executed in turn, depend on so many inputs, from the ``first``."""
+        found = np.zeros(self.registers, dtype=bool)
+        found[:inputs] = True
+        starts, firsts = (np.append(0, ends) for ends in (self.ends, self.output_ends))
+        for part in line:
+            for code, result, *operands in self.rows[starts[part] : starts[part + 1]].tolist():
+                found[result] = found[operands[: _COUNTS[code]]].any()
+        return bool(found[self.outputs[firsts[line[-1]] + first : firsts[line[-1] + 1]]].any())
+
     @classmethod
     def of(
         cls, graph: Graph, inputs: Mapping[str, Size], parts: Sequence[Sequence[int]], order: Order | None = None

@@ -8,6 +8,6 @@ PLUGIN = Plugin(
     name="stress",
     public=_OUTPUTS,
     parts={"outputs": _OUTPUTS},
-    classes={"hhr_dolfinx.plugins.stress.kinds": "Energy EnergyOfHistories Mises"},
+    classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises StoredEnergy"},
     switches={"hhr_dolfinx.plugins.stress.switches": "energy von_mises"},
 )

@@ -86,7 +86,8 @@ class Mises(Functional):
 class Energy(Functional):
     """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 
-    In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero.
+    In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero: of unilateral
+    contact, where no spring and no strain without stress takes part. :class:`StoredEnergy` is the general one.
     """
 
     uses_forces: ClassVar[bool] = True
@@ -109,6 +110,11 @@ class Energy(Functional):
     @cached_property
     def _moduli(self) -> tuple[Scalar, ...]:
         return tuple(Scalar(text, tuple(self.names)) for text in self.moduli)
+
+    @property
+    def quadratic(self) -> bool:
+        """True if it is a quadratic form of forces, rows and θ, whatever the point."""
+        return not any(modulus.formula.variables for modulus in self._moduli)
 
     def value(self, state: State) -> float:
         """Half the work of all forces."""
@@ -146,36 +152,70 @@ class Energy(Functional):
 
 
 @dataclass(frozen=True, eq=False)
-class EnergyOfHistories(Functional):
-    """Elastic energy where forces act on conditions that are open or slip: λ·B U0 in the place of λ·D θ.
+class StoredEnergy(Energy):
+    """Elastic energy of bodies beside springs, under any contact forces, and with strains ε0 that cause no stress.
 
-    Its rows are those of ``energy``, followed by the conditions, B.
+    The work of :class:`Energy` has -λ·B U0 in the place of -λ·D θ where laws of contact leave slack under a force. In
+    equilibrium it is u·K u / 2 with the springs in K. From it follow, with the loads F0 that stand for ε0,
+
+        ∫ (ε - ε0) : C (ε - ε0) / 2 = (u·K u - sum k u²) / 2 - u·F0 θ + ∫ ε0 : C ε0 / 2.
+
+    Rows are those of Energy, then B, the dofs of springs, and F0, of which the last two read the displacement with its
+    lift.
     """
 
-    uses_forces: ClassVar[bool] = True
+    touching: Annotated[Integers, "touching"]  # conditions of the rows of B, (b,); empty for -λ·D θ
+    own_touching: Annotated[Floats, "touching", "lifted"]  # rows of B times the lifts
+    springs: Annotated[Floats, "springs"]  # stiffness k of each spring, (s,)
+    strained: Annotated[Integers, "strained"]  # terms of θ of the rows F0, (e,)
+    factors: tuple[str, ...]  # factors of the energies of strains ε0 as formulas, (f,)
+    strains: Annotated[Floats, "factors"]  # energies ∫ ε0 : C ε0 / 2 for these factors 1, (f,)
 
-    energy: Energy  # without gaps
-    lifts: Annotated[Floats, "conditions", "lifted"]  # B times the lifts, (m, l)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self._factors
+
+    @cached_property
+    def _factors(self) -> tuple[Scalar, ...]:
+        return tuple(Scalar(text, tuple(self.names)) for text in self.factors)
+
+    @property
+    def quadratic(self) -> bool:
+        """See :class:`Energy`; a strain without stress leaves a rest."""
+        return super().quadratic and not self.factors
+
+    def _parts(self, state: State) -> tuple[State, np.ndarray, np.ndarray, np.ndarray]:
+        """The state that Energy reads, B U0, displacements of springs, and F0·u."""
+        ends = np.cumsum([self.terms.size, self.touching.size, self.springs.size])
+        work, touched, sprung, strained = np.split(state.measured, ends)
+        moved = touched - self.own_touching @ state.theta[self.lifted]
+        return state._replace(measured=work), moved, sprung, strained
 
     def value(self, state: State) -> float:
-        """Half the work of all forces."""
-        energy, motions = self._parted(state)
-        return self.energy.value(energy) - float(state.forces @ motions) / 2
+        """Half the work of all forces, less what springs take, and less that of strains without stress."""
+        work, moved, sprung, strained = self._parts(state)
+        found = super().value(work) - float(state.forces[self.touching] @ moved) / 2
+        found -= float(self.springs @ sprung**2) / 2 + float(state.theta[self.strained] @ strained)
+        factors = np.array([factor.value(state.point) for factor in self._factors])
+        return found + float(factors @ self.strains)
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the product rule."""
-        energy, motions = self._parted(state)
-        found = self.energy.slopes(energy)
-        of_theta = found.theta.copy()
-        np.add.at(of_theta, self.energy.lifted, state.forces @ self.lifts / 2)
-        measured = np.concatenate([found.measured, -state.forces / 2])
-        return found._replace(forces=-motions / 2, measured=measured, theta=of_theta)
-
-    def _parted(self, state: State) -> tuple[State, np.ndarray]:
-        """The state for the rows of ``energy``, and B U0, (m,)."""
-        own, moved = np.split(state.measured, [self.energy.count])
-        return state._replace(measured=own), moved - self.lifts @ state.theta[self.energy.lifted]
+        work, moved, sprung, strained = self._parts(state)
+        found = super().slopes(work)
+        forces = found.forces.copy()
+        forces[self.touching] -= moved / 2
+        pressed = state.forces[self.touching]
+        theta = found.theta.copy()
+        np.add.at(theta, self.lifted, pressed @ self.own_touching / 2)
+        np.add.at(theta, self.strained, -strained)
+        rows = found.measured, -pressed / 2, -self.springs * sprung, -state.theta[self.strained]
+        point = found.point.copy()
+        for factor, energy in zip(self._factors, self.strains, strict=True):
+            point += energy * factor.derivative(state.point)
+        return found._replace(forces=forces, theta=theta, measured=np.concatenate(rows), point=point)
 
     def indices(self) -> dict[str, np.ndarray]:
-        """Terms."""
-        return self.energy.indices()
+        """Terms and conditions."""
+        terms = np.concatenate([super().indices()["terms"], self.strained])
+        return {"terms": terms, "conditions": self.touching}

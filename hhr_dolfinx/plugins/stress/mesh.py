@@ -1,4 +1,4 @@
-"""Von Mises' stress and elastic energy from the mesh: strains of cells, moduli, and the work of forces."""
+"""Von Mises' stress from the mesh: strains of cells and moduli."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from scipy.sparse import csc_matrix, hstack
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.elasticity import strain_vector
 from hhr_dolfinx.full_order.outputs import cells_of_body
 from hhr_dolfinx.models.functionals.functional import Functional
-from hhr_dolfinx.plugins.stress.kinds import Energy, EnergyOfHistories, Mises
+from hhr_dolfinx.plugins.stress.kinds import Mises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
+    from hhr_dolfinx.outputs import ModelProbe
 
 
 def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: Any) -> np.ndarray:
@@ -137,60 +136,3 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
     dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes
-
-
-def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
-    """Elastic energy by the work of all forces."""
-    discretisation = probe.discretisation
-    problem = probe.problem
-    if probe.laws is not None:
-        raise SceneError(
-            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' have laws, and the work of forces "
-            "is not their elastic energy: leave it out"
-        )
-    if problem.law.remembers and problem.reshaped is not None:
-        raise SceneError(
-            f"output '{output.name}': with {problem.law.name} it needs the displacement at all contacts, whose rows "
-            "change with shapes that depend on parameters: leave it out"
-        )
-    if discretisation.springs is not None:
-        raise SceneError(
-            f"output '{output.name}': springs take part of the work of forces, which is not the elastic energy of the "
-            "bodies alone: leave it out"
-        )
-    names = problem.parameters.names
-    moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
-    stiffness = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)
-    external = problem.external
-    loaded = probe.terms(np.diff(external.indptr))
-    lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
-    lifts = problem.lifts.tocsc()[:, lifted]
-    pulls = problem.pulls if problem.moduli else (problem.pulled,)
-    pulled = [csc_matrix(part[:, lifted]) for part in pulls]
-    acting = (problem.prolongation.restrict(part) for part in pulled)
-    blocks = [external[:, loaded], *(masked(part, problem.free) for part in acting)]
-    entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
-    own = (entries.tocsr() @ lifts).toarray()
-    terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
-    parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
-    matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
-    squares = np.array([(lifts.T @ part).toarray() for part in pulled]).reshape(
-        len(stiffness), lifted.size, lifted.size
-    )
-    closed = not problem.law.remembers
-    gap_terms = probe.terms(problem.gaps.any(axis=0) & closed).astype(np.int64)
-    gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
-    rest = terms, parts.astype(np.int64), lifted.astype(np.int64), squares, gap_terms, gaps, own
-    energy = Energy(output.name, output.unit, *matrix, names, moduli, *rest)
-    return energy if closed else _of_history(energy, problem, lifts)
-
-
-def _of_history(energy: Energy, problem: ContactProblem, lifts: csc_matrix) -> EnergyOfHistories:
-    """The energy, with the motion of conditions in the place of their gaps; lifts, (N, l), are those that act."""
-    conditions = problem.contact.tocoo()
-    rows = np.concatenate([energy.rows, energy.count + conditions.row]).astype(np.int64)
-    columns = np.concatenate([energy.columns, conditions.col]).astype(np.int64)
-    entries = np.concatenate([energy.entries, conditions.data])
-    count = energy.count + problem.contact.shape[0]
-    moved = np.ascontiguousarray((problem.contact @ lifts).toarray())
-    return EnergyOfHistories(energy.name, energy.unit, count, rows, columns, entries, energy, moved)

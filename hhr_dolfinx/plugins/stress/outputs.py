@@ -46,13 +46,17 @@ class VonMises(NamedOutput):
 
 @dataclass(frozen=True)
 class ElasticEnergy(NamedOutput):
-    """Elastic energy of all bodies, from the work of all forces; for elastic bodies only, with any law of contacts.
+    """Elastic energy of all bodies, ∫ σ : C^-1 σ / 2, with the elasticity C of each; per unit depth in the plane.
 
-    In a reduced model it has the errors of forces and displacement.
+    Strains that cause no stress, thermal and plastic ones, have no part in it. Springs have none either: theirs is
+    k u² / 2 each. Elastic bodies take the work of all forces, which is that energy in equilibrium, under any law of
+    contact; in a reduced model it has the errors of forces and displacement. Bodies with laws take the stress where
+    laws are evaluated, with C at rest; along their histories it has no derivatives. The energy of a user-defined
+    system is all that its stiffness stores.
     """
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`hhr_dolfinx.outputs.Output`."""
-        from hhr_dolfinx.plugins.stress.mesh import energy_of
+        from hhr_dolfinx.plugins.stress.energy import energy_of
 
         return energy_of(probe, self)

@@ -124,7 +124,7 @@ DISCARD = 2
 
 
 @compiled
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "moving tool"))
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
 def test_a_header_has_the_digits_of_python(name, tmp_path):
     """Whether it starts from the answer before or from open contacts, where springs hold bodies."""
     model = hhr.condense((SCENES | MORE)[name](), fields=True)
@@ -519,8 +519,9 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
     model, tour, path = unit_of(name)
     unit, fixed = Instance(tmp_path, path), model.law.fixed.size > 0
     kinds = {item.get("name"): item.get("causality") for item in unit.variables}
-    words = ("independent", "input", "input", "parameter" if fixed else "input", "output", "output")
-    assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
+    outputs = [item.name for item in model.fields.functionals.items]
+    words = ("independent", "input", "input", "parameter" if fixed else "input", *["output"] * len(outputs))
+    assert kinds == dict(zip(("time", *model.parameters.names, *outputs), words, strict=True))
     history = model.march(list(enumerate(tour)))
     for _ in range(2):  # a unit that is reset begins anew
         assert unit.put(tour[0]) == 0 and unit.begin() == 0

@@ -9,7 +9,7 @@ from sheared import lifted, rubbing
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, TimeStepWarning
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
-from hhr_dolfinx.models.histories import increments
+from hhr_dolfinx.plugins.contact_laws import increments
 
 POINT = np.array([0.0213, 0.0187, 0.3])
 """Push, shear and coefficient of friction: contact grows while it is sheared, and no status is about to change."""

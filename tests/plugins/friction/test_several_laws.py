@@ -14,10 +14,10 @@ from stacked import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import residuals_of
-from hhr_dolfinx.contact.interface import Interface, Range
 from hhr_dolfinx.contact.law import UNILATERAL
-from hhr_dolfinx.contact.ranges import Ranges
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
+from hhr_dolfinx.plugins.contact_laws.ranges import Ranges
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, SlipState
 from hhr_dolfinx.plugins.friction.range import FrictionStep
 

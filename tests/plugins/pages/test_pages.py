@@ -20,7 +20,7 @@ import split
 import test_moduli
 from bare import WAIT
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 from scenes import block_scene, slope
 from scipy.sparse import csr_matrix
 from sheared import driven, leaning, lifted, round_block, rubbing
@@ -146,7 +146,15 @@ def halves():
     """Two contacts share a node in the middle, off the middle of the pressure."""
     pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
     bodies = (hhr.Body(split.FIRST, young=1e3, poisson=0.1), hhr.Body(split.SECOND, young=1e3, poisson=0.4))
-    return split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
+    scene = split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
+    return dataclasses.replace(scene, outputs=(*scene.outputs, *ENERGY))
+
+
+def bedded():
+    """The same on a bed, whose energy is left out."""
+    bed = hhr.Springs(side(split.FIRST, 1, upper=False), 1, 300.0, bedding=True)
+    scene = halves()
+    return dataclasses.replace(scene, displacements=scene.displacements[:1] + scene.displacements[2:], loads=(bed,))
 
 
 def indented():
@@ -168,6 +176,7 @@ def indented():
     )
 
 
+ENERGY = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
 OF_PELLET = (
     hhr.LargestPressure("peak", 0),
     hhr.ContactForce("push", 0, (1.0, 0.0)),
@@ -188,6 +197,7 @@ MORE = {
     "held by contact": held,
     "moving tool": indented,
     "halves": halves,
+    "bed": bedded,
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
     "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
@@ -201,12 +211,13 @@ def marked(*names):
     marks["space"].append(needs("mortar", "shapes", "volume_loads"))
     marks["shape"].append(needs("shapes"))
     marks["moving tool"] = [needs("obstacles")]
+    marks["bed"] = [needs("places")]
     marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")], "held by contact": [needs("nonmatching")]}
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
 @in_node
-@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "moving tool"))
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
 def test_a_page_has_the_digits_of_python(name):
     """Whether it starts from the answer before, from the gaps, or from none closed, where springs hold bodies."""
     _, model, scenery = known(name)
@@ -615,10 +626,12 @@ TOUR = list(zip(PUSHED, SHEARED, strict=True))
 
 
 def rubbed(name):
-    """One of these scenes, with outputs of forces."""
+    """One of these scenes, with outputs of forces, and energy where K is constant."""
     scene = RUBBING[name]()
     along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
-    return dataclasses.replace(scene, outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along)))
+    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along))
+    energy = (hhr.ElasticEnergy("energy"),) if name != "moduli" and present("stress") else ()
+    return dataclasses.replace(scene, outputs=outputs + energy)
 
 
 def tour_of(model):

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
-from hhr_dolfinx.contact.interface import Interface
-from hhr_dolfinx.contact.ranges import Ranges, RangeStep, Together
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.models.histories.increments import Target
+from hhr_dolfinx.plugins.contact_laws.increments import Target
+from hhr_dolfinx.plugins.contact_laws.interface import Interface
+from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
 
 WEAK = 1e-8
 """Part of the largest force of all ranges below which differences of one range are not measured by its own forces."""
@@ -37,7 +37,7 @@ class Reached(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """An increment, see :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+    """An increment, see :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
 
     found: Together
     contact: CondensedContact
@@ -89,7 +89,7 @@ def _joined(memories: Sequence[Memory]) -> Memory:
 
 
 class RangesIncrements:
-    """Increments of one history of a model whose law is an :class:`~hhr_dolfinx.contact.interface.Interface`."""
+    """Increments of one history of a model whose law is an :class:`.Interface`."""
 
     def __init__(self, model: Any, gradient: bool):
         self.model = model

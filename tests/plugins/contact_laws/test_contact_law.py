@@ -16,12 +16,12 @@ from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.contact.interface import Interface
 from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.plugins.contact_laws.interface import Interface
+from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 from hhr_dolfinx.reduction.reductor import Reductor
 
 YOUNG, POISSON, HEIGHT, WIDTH = 7.0, 0.3, 1.0, 2.0
@@ -171,7 +171,7 @@ def fields(full, path):
 REFUSING = [
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(
-        page, r"a page of contacts with wear .* reads one law with increments of its own", marks=needs("pages")
+        page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")
     ),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")),
@@ -186,7 +186,7 @@ def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
 
 def test_a_facet_without_increments_refuses(by_steps, monkeypatch):
     full = hhr.FullOrderModel(scene(law=by_steps), MPI.COMM_SELF)
-    monkeypatch.setattr(registry, "facet", lambda *_: Steps())
+    monkeypatch.setattr(registry, "facet", lambda *_: LawSteps())
     with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
         full.march(PATH)
 

@@ -15,7 +15,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.path import check_settings, left_with
+from hhr_dolfinx.models.histories.path import check_settings, walked
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.warn import warn
 
@@ -181,37 +181,54 @@ def follow(
         )
     model.law.check_path(model.parameters, np.array([point for _, point in path]))
     history = History(*path[0], time_tolerance=settings.time_tolerance)
-    increments: Increments = model.increments(settings)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
-    reached = increments.at_rest(*path[0], weights[0])
-    error = 0.0
-    warned = False
-    with left_with(history):
-        for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
-            if number < len(known) and not settings.gradient:
-                answer = known[number]
-                reached = increments.going_on(answer, weight)
-                increments.check(reached)
-                error = answer.time_error
-                history.cuts += answer.parts > 1
-                history.answers.append(answer)
-                continue
-            model.check_range(point, settings.outside)
-            step = _Step(increments, settings.cuts, settings.time_tolerance, watch)
-            solved = step.advance(reached, Target(time, point, weight))
-            reached = solved.reached
-            increments.check(reached)
-            error += np.nan if settings.time_tolerance is None else step.error
-            answer = _checked_answer(model, step, solved)._replace(time_error=error)
-            if answer.undetermined is not None and not warned:  # once for a path
-                warned = True
-                model.warn_undetermined(answer)
-            if watch is not None:
-                watch(answer)
-            history.cuts += answer.parts > 1
-            history.answers.append(answer)
-            keep(answer)
-    return history
+    # known steps have no derivatives, on which those of later ones depend
+    known = () if settings.gradient else known
+    return walked(_ByIncrements(model, settings, path[0], weights, watch), path, history, known, keep)
+
+
+class _ByIncrements:
+    """Steps of one history, each cut into increments; ``weights`` and ``watch`` as in :func:`follow`."""
+
+    def __init__(
+        self,
+        model: Any,
+        settings: MarchSettings,
+        rest: tuple[float, np.ndarray],
+        weights: np.ndarray,
+        watch: Callable[[Answer], None] | None,
+    ):
+        self.model = model
+        self.settings = settings
+        self.weights = weights
+        self.watch = watch
+        self.increments: Increments = model.increments(settings)
+        self.reached = self.increments.at_rest(*rest, weights[0])
+        self.error = 0.0
+        self.warned = False
+
+    def known(self, number: int, answer: Answer) -> Answer:
+        """Go on from its end."""
+        self.reached = self.increments.going_on(answer, self.weights[number])
+        self.increments.check(self.reached)
+        self.error = answer.time_error
+        return answer
+
+    def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
+        """Answer at the end of a step, of which ``watch`` has seen the parts."""
+        self.model.check_range(point, self.settings.outside)
+        step = _Step(self.increments, self.settings.cuts, self.settings.time_tolerance, self.watch)
+        solved = step.advance(self.reached, Target(time, point, self.weights[number]))
+        self.reached = solved.reached
+        self.increments.check(self.reached)
+        self.error += np.nan if self.settings.time_tolerance is None else step.error
+        answer = _checked_answer(self.model, step, solved)._replace(time_error=self.error)
+        if answer.undetermined is not None and not self.warned:  # once for a path
+            self.warned = True
+            self.model.warn_undetermined(answer)
+        if self.watch is not None:
+            self.watch(answer)
+        return answer
 
 
 def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:

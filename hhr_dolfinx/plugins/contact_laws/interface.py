@@ -10,12 +10,12 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
-from hhr_dolfinx.contact.ranges import RangeSolver, RangeStep, UnilateralStep
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep, UnilateralStep
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class _UnilateralSolver(RangeSolver):
 class Interface(ContactLaw, Rebuilt):
     """Laws on ranges that have each condition once."""
 
-    plugin: ClassVar[str] = registry.SEVERAL
+    plugin: ClassVar[str] = "contact_laws"
     floats: ClassVar[bool] = True
 
     ranges: tuple[Range, ...]
@@ -175,21 +175,31 @@ Attached = tuple[ContactRows, np.ndarray, ContactLaw]
 """Rows, the pair of each, and the law on them, as :meth:`PairLaw.attached` returns them."""
 
 
-def alone(law: ContactLaw) -> bool:
-    """True for a law that is solved by its own facet ``steps``, if no other one is in the scene."""
-    facets = registry.installed()[law.plugin].facets
-    return law.remembers and ("steps" in facets or "range" not in facets)
-
-
-def together(
-    scene: Any, laws: Sequence[Any], found: Sequence[Attached], rows: ContactRows, pairs: np.ndarray
+def joint(
+    scene: Any, laws: Sequence[Mapping[int, Any]], found: Sequence[Attached], rows: ContactRows, pairs: np.ndarray
 ) -> Attached:
     """Join what laws by pair, one mapping for each plug-in, have attached to the conditions ``rows`` of ``pairs``.
+
+    A law with the facet ``steps`` that no other plug-in stands beside keeps its own solver.
 
     Raises:
         NotOfferedError: for a law without the facet ``range``.
         SceneError: if two laws remember one name, or one reads a memory that it says it has not.
     """
+    if len(found) == 1 and _solves_itself(found[0][2]):
+        return found[0]
+    return _together(scene, laws, found, rows, pairs)
+
+
+def _solves_itself(law: ContactLaw) -> bool:
+    facets = registry.installed()[law.plugin].facets
+    return law.remembers and ("steps" in facets or "range" not in facets)
+
+
+def _together(
+    scene: Any, laws: Sequence[Mapping[int, Any]], found: Sequence[Attached], rows: ContactRows, pairs: np.ndarray
+) -> Attached:
+    """All laws as ranges, with the unilateral one on the conditions that have none."""
     every = [rows]
     numbers = [pairs]
     ranges: list[Range] = []

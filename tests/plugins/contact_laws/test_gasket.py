@@ -16,11 +16,11 @@ from stacked import PATH, stacked, with_plugins
 from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.interface import Interface
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
-from hhr_dolfinx.contact.ranges import CurveStep, resolvent
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.plugins.contact_laws.interface import Interface
+from hhr_dolfinx.plugins.contact_laws.ranges import CurveStep, resolvent
 from hhr_dolfinx.registry import Plugin
 
 YOUNG, POISSON, WIDTH = 7.0, 0.3, 2.0

@@ -1,0 +1,85 @@
+"""Facet ``steps``: histories of laws of contacts by increments, those of several laws in one scene too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.law import StepContact
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.memory import NO_MEMORY, Memory
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, proportional, single
+from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, RangesStep
+
+
+class LawSteps(Steps):
+    """Base of the facet of a law whose increments are solved one after another, see :mod:`.increments`."""
+
+    def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
+        """See :func:`follow`."""
+        return follow(model, path, settings, **how)
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """One proportional load from rest; one increment without memory."""
+        if step.keys() - {"converged"}:
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
+        if not model.law.path_dependent:
+            return single(model, point, raise_on_failure, outside, gradient)
+        return proportional(model, point, raise_on_failure, outside, gradient, **step)
+
+
+class InterfaceSteps(LawSteps):
+    """Laws of several plug-ins, or without memory; their increments are in :mod:`.range_increments`."""
+
+    completes = True
+
+    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+        """All laws together."""
+        if settings.limit:
+            raise NotOfferedError(
+                f"derivatives of the limit of small increments are not built in with {model.law.name}: take those of "
+                "the increments, MarchSettings(gradient=True)"
+            )
+        return RangesIncrements(model, settings.gradient)
+
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
+        """All laws on the S of each linearisation."""
+        return RangesStep(model.law, before, point, time)
+
+    def at_rest(self, model: Any) -> Memory:
+        """Of all laws."""
+        memory = NO_MEMORY
+        for part in model.law.ranges:
+            memory = memory | part.solver().at_rest()
+        return memory
+
+    def watch(self, model: Any) -> Callable[[Answer], None]:
+        """Of all laws."""
+        solvers = [part.solver() for part in model.law.ranges]
+
+        def check(answer: Answer) -> None:
+            for solver in solvers:
+                solver.check(answer.memory, model.parameters.described(answer.parameter))
+
+        return check
+
+    def coupling(self, model: Any, point: np.ndarray) -> float:
+        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of their parts in it."""
+        if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
+            return math.nan
+        return sum(part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges)
+
+    def known_error(self, known: str) -> str:
+        """With several answers the error refers to one of them."""
+        return f"{known}; of one answer, of several unless uniqueness(mu) says 'one answer'"
+
+
+STEPS = InterfaceSteps()

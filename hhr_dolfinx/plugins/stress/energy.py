@@ -1,0 +1,179 @@
+"""Elastic energy of bodies from the mesh: work of forces, springs, and strains that cause no stress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, hstack, vstack
+from ufl.core.expr import Expr
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.contact.law import UNILATERAL
+from hhr_dolfinx.contact.problem import ContactProblem, masked
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.loads import checked_terms
+from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.plugins.stress.kinds import Energy, StoredEnergy
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Formula
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
+
+
+class Work(NamedTuple):
+    """Arrays of the work of forces, named as in :class:`Energy`."""
+
+    rows: csr_matrix  # (k, N)
+    moduli: tuple[str, ...]
+    terms: np.ndarray
+    parts: np.ndarray
+    lifted: np.ndarray
+    lifts: np.ndarray
+    own: np.ndarray
+
+
+def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
+    """Elastic energy of all bodies, an ``ElasticEnergy``: by the stress of laws, else by the work of forces.
+
+    Raises:
+        SceneError: for laws whose plug-in knows no elasticity of the bodies.
+    """
+    scene = probe.discretisation.scene
+    if probe.laws is not None:
+        if not hasattr(probe.laws, "energy"):
+            raise SceneError(
+                f"output '{output.name}': the plug-in that reads the laws of scene '{scene.name}' gives no elasticity "
+                "C of the bodies, of which the energy ∫ σ : C^-1 σ / 2 needs the inverse: leave it out"
+            )
+        found: Functional = probe.laws.energy(output)
+        return found
+    problem = probe.problem
+    # a unilateral condition with a force has no slack; rows that are no conditions, and other laws, have
+    unilateral = problem.law is UNILATERAL and all(getattr(pair, "unilateral", True) for pair in scene.contacts)
+    work = _work(probe, problem)
+    gap_terms = probe.terms(problem.gaps.any(axis=0) & unilateral).astype(np.int64)
+    gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
+    strained = any(hasattr(load, "eigenstrain_of") for load in scene.loads)
+    springs = probe.discretisation.springs
+    names = problem.parameters.names
+    arrays = work.terms, work.parts, work.lifted, work.lifts, gap_terms, gaps, work.own
+    if unilateral and springs is None and not strained:
+        return Energy(output.name, output.unit, *_entries(work.rows), names, work.moduli, *arrays)
+    touching = np.arange(0 if unilateral else len(problem.gaps), dtype=np.int64)
+    pressed = csr_matrix(problem.contact[touching])
+    own = (pressed @ problem.lifts.tocsc()[:, work.lifted]).toarray()
+    stiff = np.zeros(0) if springs is None else springs
+    held = np.flatnonzero(stiff)
+    size = problem.free.size
+    grounded = csr_matrix((np.ones(held.size), (np.arange(held.size), held)), shape=(held.size, size))
+    terms = _strained_terms(probe.discretisation) if strained else np.zeros(0, dtype=np.int64)
+    forces = csr_matrix(csc_matrix(problem.forces)[:, terms].T)
+    pairs = list(_strain_energies(probe.discretisation, output)) if strained else []
+    rows = _entries(csr_matrix(vstack([work.rows, pressed, grounded, forces])))
+    factors = tuple(text for text, _ in pairs)
+    more = touching, own, stiff[held], terms
+    energies = np.array([energy for _, energy in pairs], dtype=float)
+    return StoredEnergy(output.name, output.unit, *rows, names, work.moduli, *arrays, *more, factors, energies)
+
+
+def _entries(matrix: csr_matrix) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of an output as its first fields."""
+    found: coo_matrix = matrix.tocoo()
+    return matrix.shape[0], found.row.astype(np.int64), found.col.astype(np.int64), found.data
+
+
+def _work(probe: ModelProbe, problem: ContactProblem) -> Work:
+    """The work of all forces but contact."""
+    moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
+    count = len(problem.stiffness_terms) if problem.moduli else 1
+    external = problem.external
+    loaded = probe.terms(np.diff(external.indptr))
+    lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
+    lifts = problem.lifts.tocsc()[:, lifted]
+    pulls = problem.pulls if problem.moduli else (problem.pulled,)
+    pulled = [csc_matrix(part[:, lifted]) for part in pulls]
+    acting = (problem.prolongation.restrict(part) for part in pulled)
+    blocks = [external[:, loaded], *(masked(part, problem.free) for part in acting)]
+    rows = csr_matrix(hstack([csc_matrix(block) for block in blocks]).T)
+    terms = np.concatenate([loaded, np.tile(lifted, count)]).astype(np.int64)
+    parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(count), lifted.size)])
+    squares = np.array([(lifts.T @ part).toarray() for part in pulled])
+    squares = squares.reshape(count, lifted.size, lifted.size)
+    own = (rows @ lifts).toarray()
+    return Work(rows, moduli, terms, parts.astype(np.int64), lifted.astype(np.int64), squares, own)
+
+
+def _strained_terms(discretisation: Discretisation) -> np.ndarray:
+    """Terms of θ of the loads that stand for strains without stress."""
+    marks = []
+    for load in discretisation.scene.loads:
+        for term in checked_terms(load, discretisation.assembler(load)):
+            mark = float(hasattr(load, "eigenstrain_of"))
+            marks.append(csc_matrix(np.full((1, term.columns.shape[1]), mark)))
+    return np.flatnonzero(discretisation.terms.columns("loads", 1, marks).toarray()[0]).astype(np.int64)
+
+
+def _strain_energies(discretisation: Discretisation, output: NamedOutput) -> Iterator[tuple[str, float]]:
+    """Energies ∫ ε0 : C ε0 / 2 of strains without stress: factors as formulas, and values for these factors 1."""
+    mesh = discretisation.mesh
+    loads = [load for load in discretisation.scene.loads if hasattr(load, "eigenstrain_of")]
+    for place, body in enumerate(discretisation.scene.bodies):
+        given = [load.eigenstrain_of(body.tag, mesh) for load in loads]
+        strains = [(_text(amplitude, output), strain) for amplitude, strain in filter(None, given)]
+        for (first, own), (second, other) in product(strains, repeat=2):
+            for modulus, energy in _energies(discretisation, place, own, other):
+                yield f"({first}) * ({second}) * ({modulus})", energy
+
+
+def _text(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
+    """An amplitude as a formula."""
+    if not isinstance(amplitude, Amplitude):
+        return amplitude.text
+    wrong = [name for name in amplitude.slopes if not name.isidentifier()]
+    if wrong:
+        raise SceneError(
+            f"output '{output.name}': the energy of a strain squares its amplitude in a formula, where names of "
+            f"parameters are words: {wrong[0]!r} is none"
+        )
+    slopes = (f"({float(slope)!r}) * {name}" for name, slope in amplitude.slopes.items())
+    return " + ".join([repr(float(amplitude.constant)), *slopes])
+
+
+def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr) -> Iterator[tuple[str, float]]:
+    """∫ own : C other / 2 of two strains of a body, 3x3: for each part of C its modulus, and the rest.
+
+    The stress is that of :func:`hhr_dolfinx.full_order.gauss_points.eigenstress`.
+    """
+    from hhr_dolfinx.full_order.gauss_points import averaged, grading_of, parts_of
+
+    scene = discretisation.scene
+    body = scene.bodies[place]
+    hypothesis = scene.hypothesis
+    dx = discretisation.cells(body.tag)
+    weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
+
+    def energy(stress: Expr, strain: Expr) -> float:
+        form = compat.jitted(fem.form, weight * ufl.inner(stress, strain) / 2 * dx)
+        return float(sum(discretisation.group.gathered(float(fem.assemble_scalar(form)))))
+
+    if body.stress is not None:
+        yield "1", energy(elasticity.law_in(body.stress, hypothesis)(own), other)
+        return
+    if discretisation.mean_dilatation[place]:
+        dx = dx(degree=discretisation.gauss_degree)
+    graded = averaged(discretisation, place, grading_of(discretisation, body) * averaged(discretisation, place, own))
+    measured = elasticity.in_plane(averaged(discretisation, place, other), hypothesis)
+    stresses = elasticity.isotropic_parts(graded, hypothesis)
+    for part in parts_of(body, hypothesis):
+        moduli = map(discretisation.constant, part.moduli)
+        chosen = zip(moduli, stresses, strict=True)
+        stress = sum(modulus * item for modulus, item in chosen if float(modulus.value))
+        yield f"({part.factor}) * ({part.rest})", energy(stress, measured)

@@ -1,0 +1,89 @@
+"""Bodies whose laws are linear elasticity: condensed without inelastic strain, as exact as the full model."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from condensing import apart
+from needs import present
+from scenes import pressed_pair
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.forms.laws import Stated, hooke, trace
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.law import Law
+from hhr_dolfinx.plugins.inelastic.laws import Elasticity
+
+AXES = (0.8, 0.6, 0.0), (-0.6, 0.8, 0.0), (0.0, 0.0, 1.0)
+WOOD = hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, AXES)
+EXACT = hhr.MarchSettings(
+    search="tangent", relative_stress=1e-12, relative_force=1e-12, floor_stress=1e-10, outside="ignore"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Stiffening(Law):
+    """Elasticity that grows with the square of the change of volume, C at rest: it has no memory, and is not linear."""
+
+    def statement(self, at):
+        return Stated((1 + trace(at.strain) ** 2) * hooke(at.strain, at.constants))
+
+
+def path(push, slide, *young):
+    """Pushed, then slid under a load of the flank, then let go."""
+    points = [
+        (0.006, 0.0, 0.0, 0.0),
+        (push, slide / 2, 0.0, 0.0),
+        (push, slide, 0.05, 0.001),
+        (push / 3, 0.0, 0.02, 0.0),
+    ]
+    return [(float(k), np.array([*point, *young])) for k, point in enumerate(points)]
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric"])
+@pytest.mark.parametrize("second", ["wood", "modulus"])
+def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
+    """Forces, displacements and stress of other histories than those of training, to the residual of full steps, 1e-12
+    of the forces; from a file to round-off. Beside wood the other body is wood too, or elastic with E as a parameter.
+    """
+    other = hhr.Body(SECOND, "E", 0.3) if second == "modulus" else hhr.Body(SECOND, 4.0, 0.3, WOOD)
+    box, young = ({"E": (2.0, 6.0)}, (3.0,)) if second == "modulus" else ({}, ())
+    outputs = (hhr.LargestPressure("peak", 0), *((hhr.ElasticEnergy("energy"),) if present("stress") else ()))
+    bodies = hhr.Body(FIRST, 4.0, 0.3, WOOD), other
+    full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, box, cells=3, outputs=outputs))
+    training = full.march(path(0.03, 0.0, *(2.5,) * len(young)), EXACT)
+    model = hhr.build(full, hhr.SnapshotSet.of_histories([training]), CorrectionSettings())
+    tried = path(0.05, 0.02, *young)
+    exact, found = full.march(tried, EXACT), model.march(tried, EXACT)
+    graded = model.march(tried, dataclasses.replace(EXACT, gradient=True)).answers[-1].outputs()
+    known = full.march(tried, dataclasses.replace(EXACT, gradient=True)).answers[-1].outputs()
+    np.testing.assert_allclose(graded.gradient["peak"], known.gradient["peak"], rtol=1e-7, atol=1e-9)
+    assert exact.answers[1].forces().max() > 0
+    assert max(apart(found, exact, ("displacement", "forces", "stress"))) < 1e-9
+    for one, two in zip(found.answers, exact.answers, strict=True):
+        assert dict(one.outputs()) == pytest.approx(dict(two.outputs()), rel=1e-8)
+        assert np.abs(one.plastic_strain()).max() < 1e-14
+    hhr.save_model(tmp_path / "wood.npz", model)
+    kept = hhr.load_model(tmp_path / "wood.npz").march(tried, EXACT)
+    assert max(apart(kept, found, ("displacement", "forces", "stress"))) < 1e-12
+
+
+def test_laws_that_could_flow_are_refused_where_they_did_not():
+    """At low loads a plastic body looks elastic: training says nothing of what it does beyond."""
+    for law in (hhr.Plasticity(1e6, 1.0), hhr.Voce(1e6, 1.0, 1.0)):
+        full = hhr.FullOrderModel(pressed_pair("plane_strain", (hhr.Body(FIRST, 4.0, 0.3, law), (4.0, 0.3)), cells=2))
+        histories = hhr.SnapshotSet.of_histories([full.march(path(0.03, 0.0))])
+        with pytest.raises(ReductionError, match="no body flows in any training history"):
+            hhr.build(full, histories, CorrectionSettings())
+
+
+@pytest.mark.parametrize("thin", [False, True])
+def test_which_laws_are_linear(thin):
+    """By their programs, not by their names; in plane stress with a strain across that is solved for."""
+    linear = {law: law.at_points(4, plane_stress=thin).linear for law in (WOOD, Elasticity())}
+    assert all(linear.values())
+    curved = Stiffening(), hhr.Plasticity(1.0, 1.0), hhr.Voce(1.0, 1.0, 1.0), hhr.Norton(1.0, 3.0)
+    assert not any(law.at_points(4, plane_stress=thin).linear for law in curved)
+    assert WOOD.at_points(6).linear and not Stiffening().at_points(6).linear
