@@ -17,6 +17,7 @@ from needs import OURS, needs, present
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order import discrete_space
 from hhr_dolfinx.plugins.conformance.draft import (
     Chosen,
     Draft,
@@ -124,6 +125,28 @@ def test_a_neutral_value_that_changes_answers_is_found(monkeypatch):
     monkeypatch.setattr(compose_verbs, "switches", lambda: known)
     (row,) = compose_verbs.tried(("lying",), ("neutral",))
     assert row.outcome == "wrong" and "neutral lying changes the answer by" in row.reason
+
+
+@pytest.mark.parametrize("names", [
+    ("norton", "own_body_law"), ("external_law", "own_body_law"), ("circle", "shape"), ("graded", "shape"),
+    ("own_system", "poisson"), ("own_system", "young"),
+], ids="+".join)  # fmt: skip
+@pytest.mark.slow
+def test_what_neutral_values_found(names):
+    """A law at another body, other rules on distorted cells, and a system that left out moduli: .6, 2e-6 and .16."""
+    if set(names) <= set(NAMES):
+        check(names, ("neutral", "gradient"))
+
+
+@needs("inelastic")
+def test_a_law_in_axisymmetry_differs_by_its_rule_alone(monkeypatch):
+    """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by 1e-9."""
+    case = Case(("axisymmetric", "norton"))
+    changed = compose_verbs._changed(case, "norton")
+    assert compose_verbs.NEUTRAL < changed.error <= changed.limit == compose_verbs.RINGS
+    monkeypatch.setattr(discrete_space, "gauss_degree", lambda cell, order: 4)
+    assert compose_verbs._changed(case, "norton").error <= 1e-8
+    assert compose_verbs._changed(Case(("norton",)), "norton").limit == compose_verbs.NEUTRAL
 
 
 class Softer(Case):
