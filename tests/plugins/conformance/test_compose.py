@@ -139,6 +139,7 @@ def test_what_neutral_values_found(names):
 
 
 @needs("inelastic")
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.LockingWarning")
 def test_a_law_in_axisymmetry_differs_by_its_rule_alone(monkeypatch):
     """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by 1e-9."""
     case = Case(("axisymmetric", "norton"))
