@@ -18,6 +18,8 @@ PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
 PointsLike = Sequence[float] | Sequence[Sequence[float]] | Mapping[str, Any] | Sequence[Mapping[str, Any]] | np.ndarray
 """Several points of the box: one row each, (S, P), with one parameter also (S,); or columns or rows with names."""
 
+PLAIN = frozenset({float, int, np.float64})
+"""Types of numbers that need no conversion."""
 LINE = 2001
 """Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
 
@@ -171,6 +173,11 @@ class ParameterSpace(KnownArguments):
             )
 
     @cached_property
+    def _known(self) -> frozenset[str]:
+        """The names, without their order."""
+        return frozenset(self.names)
+
+    @cached_property
     def _box(self) -> list[tuple[float, float]]:
         """Bounds with a margin for round-off in grids that end on them."""
         bounds = np.array([self.lower, self.upper], dtype=float)
@@ -219,7 +226,9 @@ class ParameterSpace(KnownArguments):
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
-        if type(mu) is not np.ndarray or mu.dtype.names is not None:  # arrays of numbers, the usual ones, are quick
+        if type(mu) is dict and mu.keys() == self._known and PLAIN.issuperset(map(type, mu.values())):
+            mu = [mu[name] for name in self.names]  # the usual ones are quick: those by name, and arrays
+        elif type(mu) is not np.ndarray or mu.dtype.names is not None:
             mu = self._in_order(mu)
         try:
             point = np.array(mu, dtype=float, ndmin=1)

@@ -189,6 +189,11 @@ class FullModel(AnsweringModel, ElasticFields):
 
         return self.follow(checked, settings, known=known, keep=keep_small)
 
+    @property
+    def shared(self) -> bool:
+        """See :class:`AnsweringModel`."""
+        return self.group.size > 1
+
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
         """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""
         if self.group.size == 1:

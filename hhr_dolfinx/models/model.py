@@ -197,11 +197,12 @@ class AnsweringModel(Shown):
         Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
         arguments of this step, see :meth:`Equilibrium.one_step`. With friction ``converged=True`` refines the path.
         """
-        if not step.keys().isdisjoint(self.parameters.names) or mu is NOTHING:
+        if mu is NOTHING or (step and not step.keys().isdisjoint(self.parameters.names)):
             given = ", ".join(f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names)
             raise ParameterError(f"parameters are one argument, a mapping by their names: solve({{{given}}})")
-        how = {"start": start, "outside": outside, "gradient": gradient, **step}
-        self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
+        if self.shared:
+            how = {"start": start, "outside": outside, "gradient": gradient, **step}
+            self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
@@ -224,6 +225,11 @@ class AnsweringModel(Shown):
         if answer.undetermined is not None:
             self.warn_undetermined(answer)
         return answer
+
+    @property
+    def shared(self) -> bool:
+        """True if several ranks have it together; then :meth:`agree` compares their calls."""
+        return False
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
         """Compare the calls of ranks that have a model together; here each has its own."""

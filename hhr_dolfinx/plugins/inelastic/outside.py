@@ -76,6 +76,8 @@ class OutsideLaw(Law):
 class LawCode(LawProgram):
     """Code instead of a program, with its interface."""
 
+    linear = False  # nobody knows it of code
+
     def __init__(self, law: OutsideLaw, strains: int, values: tuple[float | str, ...] = ()):
         self.law = law
         self.own = law_sizes(KNOWN, strains) | law.memory_of(strains)

@@ -93,7 +93,8 @@ def _entries(matrix: csr_matrix) -> tuple[int, np.ndarray, np.ndarray, np.ndarra
 def _work(probe: ModelProbe, problem: ContactProblem) -> Work:
     """The work of all forces but contact."""
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
-    count = len(problem.stiffness_terms) if problem.moduli else 1
+    # a user's K without parts is refused: it is read here
+    count = len(problem.stiffness_terms if problem.moduli else (problem.own_stiffness,))
     external = problem.external
     loaded = probe.terms(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
