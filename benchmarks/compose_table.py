@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from compose_reasons import reason
+
 PAGE = Path(__file__).parents[1] / "docs" / "composition.md"
 FAULTS = ("wrong", "crash", "time out")
 """Outcomes that are faults of the package."""
@@ -150,8 +152,10 @@ wrong, a crash or a time out; what did not run is blank. Singles are on the diag
 
 ## Refusals of pairs
 
-| pairs | first refused by | in | such as |
-|---|---|---|---|
+Each verb refuses what the full model refuses. "Not built in" says that there is no other reason.
+
+| pairs | first refused by | in | why | such as |
+|---|---|---|---|---|
 {refusals}
 
 ## Wrong answers, crashes, time outs
@@ -171,8 +175,8 @@ def page(rows: Rows, names: list[str]) -> str:
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
     said = []
     for item in refusals(rows):
-        reason = in_a_cell(item["reason"])
-        said.append(f"| {item['pairs']} | {item['verb']} | `{item['place']}` | {reason} |")
+        why, example = (in_a_cell(text) for text in (reason(item["verb"], item["place"]), item["reason"]))
+        said.append(f"| {item['pairs']} | {item['verb']} | `{item['place']}` | {why} | {example} |")
     neutral = NEUTRAL.format(largest=max(changes), count=len(changes)) if changes else ""
     return ABOUT.format(
         names=len(names),

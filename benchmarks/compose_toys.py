@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.geometries.two_blocks import FIRST, side
 from hhr_dolfinx.pairings.obstacle import Obstacle
-from hhr_dolfinx.plugins.conformance.draft import FAR, RIGHT
 from hhr_dolfinx.registry import Plugin
 
 if TYPE_CHECKING:
@@ -28,18 +27,12 @@ FOLDERS = [str(ROOT / name) for name in PLACES]
 
 
 def own_contact_law(draft: Draft, neutral: bool) -> Draft:
-    """Wear of a contact with a plane, which remembers: the template of contact laws.
-
-    The plane is at the right flank of the lower block, or of the upper one if that flank has an obstacle.
-    """
+    """Wear of a contact with a plane, which remembers: the template of contact laws."""
     from my_contact_law import Wear
 
-    flank, place = side(FIRST, 0, True), RIGHT
-    if any(flank in pairing.tags for pairing in draft.obstacles):
-        flank, place = side(SECOND, 0, True), draft.flanks[1]
+    flank, offset = side(FIRST, 0, False), 100.0 if neutral else -0.9995
     wears = Wear(0.0 if neutral else 0.5)
-    plane = Obstacle(flank, draft.vector(1.0, 0.0), FAR if neutral else place + 0.0005, law=wears)
-    return draft.with_obstacle(plane)
+    return draft.with_obstacle(Obstacle(flank, draft.vector(-1.0, 0.0), offset, law=wears))
 
 
 def own_body_law(draft: Draft, neutral: bool) -> Draft:

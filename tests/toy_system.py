@@ -1,5 +1,6 @@
 """A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a parameter, K + k M.
 
+K is that of the bodies at the point: their moduli may be parameters.
 On several ranks each has its rows of K and M, (own, N), and of the loads, (own,).
 """
 
@@ -25,9 +26,10 @@ class Foundation(System):
 
     def equations(self, point, theta):
         problem, k = self.problem, point[self.axis]
-        own = problem.own_stiffness
+        own = problem.combined(problem.weights(point)) if problem.moduli else problem.own_stiffness
         matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
-        return problem, self.made(matrix, problem), problem.loads[problem.rows] @ theta - k * (self.pulled @ theta)
+        loads = problem.spread.of(problem.loads_at(point, theta))
+        return problem, self.made(matrix, problem), loads - k * (self.pulled @ theta)
 
     def explicit(self, point, forces, unknown):
         left, slack = super().explicit(point, forces, unknown)
@@ -41,5 +43,7 @@ class Parted(Foundation):
     """The same with parts: reductors read K and M with their weights."""
 
     def parts(self):
-        names = self.problem.parameters.names
-        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
+        problem, names = self.problem, self.problem.parameters.names
+        moduli = problem.moduli or (Modulus("1", "1", names),)
+        of_bodies = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)
+        return (*moduli, Modulus("k", "1", names)), (*of_bodies, self.mass)

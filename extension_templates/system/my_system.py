@@ -27,8 +27,11 @@ class MySystem:
         """The system, of local rows of matrices; see hhr_dolfinx.full_order.system.System."""
         names = problem.parameters.names
         # TODO: your matrices of all dofs, without constraints and springs, and their weights
-        weights = Modulus("1", "1", names), Modulus(self.parameter, "1", names)
-        parts = problem.own_stiffness, in_pattern(problem, problem.mass)
+        foundation = Modulus(self.parameter, "1", names), in_pattern(problem, problem.mass)
+        # K of the bodies, which is a sum too if their moduli are parameters
+        constant = (Modulus("1", "1", names),), (problem.own_stiffness,)
+        moduli, terms = (problem.moduli, problem.stiffness_terms) if problem.moduli else constant
+        weights, parts = (*moduli, foundation[0]), (*terms, foundation[1])
         pulls = tuple(problem.stacked(csr_matrix(part @ problem.lifts)) for part in parts)
         summed = replace(problem, moduli=weights, stiffness_terms=parts, pulls=pulls)
         return SummedSystem(summed, middle, made)

@@ -329,12 +329,14 @@ def check_contact_law(law: Any) -> None:
     )
     path = [(float(k), low + width * share) for k, share in enumerate(shares)]
     own = full.law
-    _require(own.of(law.plugin) is not None, "law")
+    its_own = own.of(law.plugin)
+    _require(its_own is not None, "law")
+    assert its_own is not None
     rows = full.conditions
     _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
     every = own.within(np.arange(rows))
     _require(_same_parts(own, every), "within")
-    _require(bool(own.parts()), "parts of a law")
+    _require(bool(its_own.parts()), "parts of a law")
     if "range" in registry.installed()[law.plugin].facets:
         check_range(full, law.plugin)
     exact = full.march(path).answers

@@ -51,6 +51,8 @@ LEFT = 1.0
 RIGHT = 4.0
 MIDDLE = 2.5
 """Ends of the lower block along x, in axisymmetry of the radius, and their mean."""
+BESIDE = 3.0
+"""Where outputs read displacements: in the middle that along x nearly vanishes, 1/400 of the other one."""
 FAR = 100.0
 """Coordinate of what is too far away to be touched."""
 ROUNDNESS = 0.06
@@ -342,7 +344,7 @@ class Draft:
         return (self.pairing or self.usual or facing)(upper, lower, **self.law)
 
     def _outputs(self) -> tuple[Output, ...]:
-        inside = tuple(map(float, self.at(MIDDLE, 1 / 3 if self.dimension == 2 else 0.5)))
+        inside = tuple(map(float, self.at(BESIDE, 1 / 3 if self.dimension == 2 else 0.5)))
         return (
             ContactForce("force", 0, self.vector(0.0, 1.0)),
             DisplacementAt("sunk", inside, 1, tag=FIRST),

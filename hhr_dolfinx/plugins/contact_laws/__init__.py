@@ -8,7 +8,8 @@ _HERE = "hhr_dolfinx.plugins.contact_laws"
 
 PLUGIN = Plugin(
     name="contact_laws",
+    optional=("inelastic",),
     classes={f"{_HERE}.interface": "Interface Range"},
-    facets={"steps": f"{_HERE}.steps:STEPS"},
+    facets={"steps": f"{_HERE}.steps:STEPS", "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes"},
     tools={"laws": f"{_HERE}.interface:joint", "reduced_law": f"{_HERE}.reduction:completed"},
 )

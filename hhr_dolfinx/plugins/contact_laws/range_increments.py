@@ -48,7 +48,7 @@ class Solved(NamedTuple):
     cycled: bool
 
 
-class _Laws:
+class SolversOfRanges:
     """Solvers of the laws of an interface, on one S after another."""
 
     def __init__(self, law: Interface):
@@ -58,6 +58,7 @@ class _Laws:
         self.ranges: Ranges | None = None
 
     def at_rest(self) -> Memory:
+        """Memory of undeformed bodies."""
         return _joined([solver.at_rest() for solver in self.solvers])
 
     def on(self, schur: np.ndarray, motions: np.ndarray | None = None) -> Ranges:
@@ -94,11 +95,11 @@ class RangesIncrements:
     def __init__(self, model: Any, gradient: bool):
         self.model = model
         self.gradient = gradient
-        self.laws = _Laws(model.law)
+        self.laws = SolversOfRanges(model.law)
         self.contact_at = model.contacts()
         self.largest = np.zeros(len(self.laws.rows))  # norm of the forces of each range so far
         own = model.fields.interface
-        self.everywhere = self.laws if own is None else _Laws(own.whole)
+        self.everywhere = self.laws if own is None else SolversOfRanges(own.whole)
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies."""
@@ -239,7 +240,7 @@ class RangesStep:
     """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a point, (P,)."""
 
     def __init__(self, law: Interface, before: Answer, point: np.ndarray, time: float):
-        self._laws = _Laws(law)
+        self._laws = SolversOfRanges(law)
         self._steps = self._laws.steps(before.memory, point, time - before.time)
         self._forces = before.multipliers
         self._equalities: SchurEqualities | None = None

@@ -43,6 +43,7 @@ class FlowSlopes:
         slack: np.ndarray,
         right: tuple[np.ndarray, np.ndarray],
         way: np.ndarray,
+        seconds: float,
     ) -> ContactChange:
         """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
         with linear.held():

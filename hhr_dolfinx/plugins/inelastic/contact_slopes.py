@@ -52,7 +52,13 @@ class ContactSlopes(Protocol):
         """True if the memory of contacts has derivatives so far, which it hands on."""
 
     def step(
-        self, linear: Any, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+        self,
+        linear: Any,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
+        seconds: float,
     ) -> ContactChange:
         """Derivatives of the next step.
 
@@ -62,6 +68,7 @@ class ContactSlopes(Protocol):
             slack: of all rows at its end, (m,).
             right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
             way: directions of the parameter, (P, K).
+            seconds: duration of the step.
 
         Raises:
             NotSolvableError: if the step has no derivative.
@@ -74,7 +81,13 @@ class Unilateral:
     remembers = False
 
     def step(
-        self, linear: Any, answer: Answer, slack: np.ndarray, right: tuple[np.ndarray, np.ndarray], way: np.ndarray
+        self,
+        linear: Any,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
+        seconds: float,
     ) -> ContactChange:
         """See :class:`ContactSlopes`."""
         columns = []

@@ -166,7 +166,7 @@ class _Step:
         right = np.stack(residuals, axis=1), np.stack([there.gaps_along(x, way) for way in ways], axis=1)
         linear = self._linear
         here = linear.slack_of(there.gaps(self._theta), x)
-        unknown, multipliers, slack, near = contacts.step(linear, answer, here, right, directions)
+        unknown, multipliers, slack, near = contacts.step(linear, answer, here, right, directions, self._inputs.dt)
         moved = np.stack([there.strain_of(dx) for dx in unknown.T], axis=-1)
         after = slopes_of(self._material, self._inputs, along(strain + moved))
         at_kinks = (after.reach * parts <= NEAR).any(axis=1)

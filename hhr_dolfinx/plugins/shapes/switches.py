@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 
 
 def shape(draft: Draft, neutral: bool) -> Draft:
-    """A crown of the lower block."""
-    draft = draft.with_parameter("crown", -0.007, 0.01, 0.0 if neutral else 0.006)
+    """A crown of the lower block; on distorted quadrilaterals the rules of shapes and of constant bodies differ."""
+    draft = (draft.of_simplices() if neutral else draft).with_parameter(
+        "crown", -0.007, 0.01, 0.0 if neutral else 0.006
+    )
     along, up, *others = draft.coordinates
     texts = (along, f"{up} - crown * {up} * ({along} - 2.5)**2", *others)
     crowned = Shape(FIRST, tuple(Formula(text) for text in texts))

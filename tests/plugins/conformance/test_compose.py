@@ -3,9 +3,11 @@
 import itertools
 import random
 from dataclasses import replace
+from pathlib import Path
 
 import compose
 import compose_exports
+import compose_reasons
 import compose_table
 import compose_toys
 import compose_verbs
@@ -17,6 +19,7 @@ from needs import OURS, needs, present
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order import discrete_space
 from hhr_dolfinx.plugins.conformance.draft import (
     Chosen,
     Draft,
@@ -102,6 +105,61 @@ def test_pairs_answer_or_refuse(names):
     check(names, ("full", "condense"))
 
 
+def pairs_of(name):
+    """About half of the pairs of a capability, as many for each one; together all pairs, each once."""
+    count, place = len(NAMES), NAMES.index(name)
+    ahead = [step for step in range(1, count // 2 + 1) if 2 * step < count or 2 * place < count]
+    return [tuple(sorted((name, NAMES[(place + step) % count]))) for step in ahead]
+
+
+ALL_HERE = pytest.mark.skipif(not present(*OURS), reason="pairs are those of all plug-ins")
+
+
+@ALL_HERE
+def test_few_pairs_are_refused():
+    """At most 2 % of those that have a meaning; each refusal has a place and a reason, and is a pair of the list."""
+    every = [frozenset(pair) for name in NAMES for pair in pairs_of(name)]
+    assert sorted(map(sorted, every)) == sorted(map(list, itertools.combinations(NAMES, 2)))
+    refused = compose_reasons.refused_pairs()
+    assert set(refused) <= set(every) and set(refused.values()) == set(compose_reasons.REASONS["full"])
+    known = switches()
+    excluded = 0
+    for pair in every:
+        try:
+            composed(Chosen(name, known[name]) for name in pair)
+        except Excluded:
+            excluded += 1
+    assert 20 <= excluded <= 30
+    assert len(refused) <= 0.02 * (len(every) - excluded)
+
+
+@ALL_HERE
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", NAMES)
+def test_all_pairs_have_a_full_model_or_are_refused_as_the_list_says(name):
+    """Nothing else is refused, nothing crashes, and what has been mended is taken out of the list."""
+    refused = compose_reasons.refused_pairs()
+    for pair in pairs_of(name):
+        row = compose_verbs.ended(pair, "full", lambda pair=pair: float(Case(pair).full.conditions))
+        expected = refused.get(frozenset(pair), "")
+        assert (row.outcome, row.place) == ("refused" if expected else row.outcome, expected), row
+        assert row.outcome in ("works", "refused", "excluded"), row
+
+
+def test_reasons_are_of_functions_that_are_there():
+    """A sentence for each; one without a mathematical reason says so."""
+    places = {place: why for verb in compose_reasons.REASONS.values() for place, why in verb.items()}
+    for place, why in places.items():
+        file, _, function = place.partition(":")
+        source = Path(hhr.__file__).parent / file
+        assert why.endswith(".") and len(why) > 60
+        if place != "benchmarks" and source.exists():  # or its plug-in was deleted
+            assert f"def {function}(" in source.read_text(encoding="utf-8"), place
+    assert set(compose_reasons.REASONS) <= set(compose_verbs.VERBS)
+    assert compose_reasons.reason("page", "scene.py:_check_system") == places["scene.py:_check_system"]
+    assert compose_reasons.reason("page", "scene.py:elsewhere") == ""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["", *NAMES])
 def test_each_capability_in_all_verbs(name):
@@ -124,6 +182,36 @@ def test_a_neutral_value_that_changes_answers_is_found(monkeypatch):
     monkeypatch.setattr(compose_verbs, "switches", lambda: known)
     (row,) = compose_verbs.tried(("lying",), ("neutral",))
     assert row.outcome == "wrong" and "neutral lying changes the answer by" in row.reason
+
+
+@pytest.mark.parametrize("names", [
+    ("norton", "own_body_law"), ("external_law", "own_body_law"), ("circle", "shape"), ("graded", "shape"),
+    ("own_system", "poisson"), ("own_system", "young"), ("axisymmetric", "own_body_law"),
+], ids="+".join)  # fmt: skip
+@pytest.mark.slow
+def test_what_pairs_found(names):
+    """A law at another body, other rules on distorted cells, and a system that left out moduli: .6, 2e-6 and .16."""
+    if set(names) <= set(NAMES):
+        check(names, ("neutral", "gradient"))
+
+
+@pytest.mark.parametrize("names", [("friction", "serendipity"), ("poisson", "second_order")], ids="+".join)
+@pytest.mark.slow
+def test_small_models_of_pairs_are_as_exact_as_others(names):
+    """Three paths were too few for friction; and an output that nearly vanished had errors of its own size."""
+    if set(names) <= set(NAMES):
+        check(names, ("condense", "HHR"))
+
+
+@needs("inelastic")
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.LockingWarning")
+def test_a_law_in_axisymmetry_differs_by_its_rule_alone(monkeypatch):
+    """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by 1e-9."""
+    case = Case(("axisymmetric", "norton"))
+    error, _ = compose_verbs._changed(case, "norton")
+    assert 1e-8 < error <= compose_verbs.NEUTRAL
+    monkeypatch.setattr(discrete_space, "gauss_degree", lambda cell, order: 4)
+    assert compose_verbs._changed(case, "norton")[0] <= 1e-9
 
 
 class Softer(Case):

@@ -7,6 +7,7 @@ from itertools import pairwise
 import my_contact_law
 import numpy as np
 import pytest
+import toy_increments
 from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
@@ -19,6 +20,7 @@ from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 from hhr_dolfinx.reduction.reductor import Reductor
 
@@ -27,6 +29,8 @@ CONSTANT = 0.05
 COMPLIANCE = HEIGHT * (1 - POISSON**2) / YOUNG
 """Depth per pressure of a block that may spread, in plane strain."""
 PATH = [(0.0, 0.0), (1.0, 0.01), (1.5, 0.02), (3.0, 0.02), (6.0, 0.015)]
+OPENING = [*PATH, (7.0, 0.002), (8.0, 0.025), (8.5, 0.024)]
+"""The same, with a step at which nothing touches."""
 
 
 def scene(**law):
@@ -56,13 +60,23 @@ def pressures(path):
     return np.array(found).T
 
 
-@pytest.fixture
-def wear(monkeypatch):
-    every = {**registry.installed(), "my_contact_law": PLUGIN}
+def install(monkeypatch, plugin):
+    every = {**registry.installed(), "my_contact_law": plugin}
     monkeypatch.setattr(registry, "installed", lambda: every)
     for name in ("facet", "memories"):
         monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
     return Wear(CONSTANT)
+
+
+@pytest.fixture
+def wear(monkeypatch):
+    return install(monkeypatch, PLUGIN)
+
+
+@pytest.fixture
+def by_steps(monkeypatch):
+    """Wear of a plug-in with increments of its own, and without ranges."""
+    return install(monkeypatch, toy_increments.PLUGIN)
 
 
 @pytest.fixture
@@ -81,7 +95,44 @@ def test_histories_are_those_by_hand(full, tmp_path):
         np.testing.assert_allclose(found, expected, rtol=1e-9)
         for answer, depth in zip(history.answers, depths, strict=True):
             np.testing.assert_allclose(answer.worn, depth, rtol=1e-9)
-        assert np.isnan(model.coupling(0.01)) and model.uniqueness(0.01) == "unknown"
+        assert model.coupling(0.01) == 0.0 and model.uniqueness(0.01) == "one answer"
+
+
+def slopes(path):
+    """Derivatives of pressures and depths along the push of all steps, by the recurrence of :func:`pressures`."""
+    depth, found = 0.0, []
+    for (before, _), (time, _), pressure in zip(path[:-1], path[1:], pressures(path)[0], strict=True):
+        dt = time - before
+        slope = (1.0 - depth) / (COMPLIANCE + CONSTANT * dt) if pressure > 0 else 0.0
+        depth += CONSTANT * dt * slope
+        found.append(slope)
+    return np.array(found)
+
+
+def test_derivatives_of_histories_are_those_by_hand(full):
+    """Of contacts that open and close again: the depth keeps its derivative in the step without force."""
+    expected, _ = pressures(OPENING)
+    assert (expected == 0).tolist() == [False] * 4 + [True] + [False] * 2
+    for model in (full, hhr.condense(full)):
+        answers = model.march(OPENING, hhr.MarchSettings(gradient=True)).answers
+        found = [answer.outputs()["force"] / WIDTH for answer in answers]
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12)
+        changes = [answer.outputs().gradient["force"][0] / WIDTH for answer in answers]
+        np.testing.assert_allclose(changes, slopes(OPENING), rtol=1e-9, atol=1e-9)
+
+
+def test_ranges_answer_as_increments_of_its_own(full, monkeypatch):
+    """Another solver, an active set, on the same backward Euler: equal but for round-off of S, cond(S) < 100."""
+    exact = full.march(OPENING).answers
+    own = hhr.FullOrderModel(scene(law=install(monkeypatch, toy_increments.PLUGIN)), MPI.COMM_SELF)
+    assert type(own.law) is my_contact_law.Wearing and isinstance(full.law, Interface)
+    for one, other in zip(exact, own.march(OPENING).answers, strict=True):
+        np.testing.assert_allclose(one.forces(), other.forces(), rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(one.worn, other.worn, rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(one.active, other.active)
+    assert np.isnan(own.coupling(0.01)) and own.uniqueness(0.01) == "unknown"
+    with pytest.raises(NotOfferedError, match="derivatives of wear are not built in"):
+        own.march(PATH, hhr.MarchSettings(gradient=True))
 
 
 def test_steps_are_cut_until_forces_decay_as_they_should(full):
@@ -118,7 +169,6 @@ def fields(full, path):
 
 
 REFUSING = [
-    (lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)), "not built in"),
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
@@ -132,7 +182,8 @@ def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
         read(full, tmp_path)
 
 
-def test_a_facet_without_increments_refuses(full, monkeypatch):
+def test_a_facet_without_increments_refuses(by_steps, monkeypatch):
+    full = hhr.FullOrderModel(scene(law=by_steps), MPI.COMM_SELF)
     monkeypatch.setattr(registry, "facet", lambda *_: LawSteps())
     with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
         full.march(PATH)
@@ -242,8 +293,7 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
         (free, r"contact alone holds bodies .* wear, does not solve for their motions"),
         ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, and shapes depend on"),
     ):
-        alone = dataclasses.replace(PLUGIN, facets={"steps": PLUGIN.facets["steps"]})
-        every = {**registry.installed(), "my_contact_law": alone}
+        every = {**registry.installed(), "my_contact_law": toy_increments.PLUGIN}
         with monkeypatch.context() as patched, pytest.raises(SceneError, match=why):
             patched.setattr(registry, "installed", lambda every=every: every)
             hhr.FullOrderModel(dataclasses.replace(made, **changes))
@@ -260,18 +310,25 @@ def test_pairs_that_slide_refuse_it_by_name(wear):
         hhr.slide(testing.pressed_blocks(contacts=(pair,), openings=()))
 
 
-class Absent(my_contact_law.WearIncrements):
+class Absent(toy_increments.WearIncrements):
     def answer(self, solved):
         answer = super().answer(solved)
         return answer._replace(unknown=solved.contact.unknown(0 * solved.found.forces))
 
 
-class Untold(my_contact_law.WearIncrements):
+class Untold(toy_increments.WearIncrements):
     """Has no gradient, and does not say so."""
 
 
-def increments(variant):
-    return my_contact_law.WearSteps, "increments", lambda self, model, settings: variant(model)
+@needs("conformance")
+@pytest.mark.parametrize(("variant", "wrong"), [(Absent, "off the loads"), (Untold, "a gradient is asked for")])
+def test_the_contract_names_what_is_wrong_of_increments(variant, wrong, by_steps, monkeypatch):
+    from hhr_dolfinx.testing import check_contact_law
+
+    check_contact_law(by_steps)
+    monkeypatch.setattr(toy_increments.WearSteps, "increments", lambda self, model, settings: variant(model))
+    with pytest.raises(AssertionError, match=wrong):
+        check_contact_law(by_steps)
 
 
 NAMELESS = my_contact_law.Wearing, "parts", lambda self: []
@@ -279,15 +336,11 @@ NAMELESS = my_contact_law.Wearing, "parts", lambda self: []
 
 
 @needs("conformance")
-@pytest.mark.parametrize(("change", "wrong"), [
-    (increments(Absent), "off the loads"), (increments(Untold), "a gradient is asked for"),
-    (NAMELESS, "folders of snapshots would mix"),
-])  # fmt: skip
-def test_the_contract_names_what_is_wrong(change, wrong, wear, monkeypatch):
+def test_the_contract_names_parts_that_are_missing(wear, monkeypatch):
     from hhr_dolfinx.testing import check_contact_law
 
-    monkeypatch.setattr(*change)
-    with pytest.raises(AssertionError, match=wrong):
+    monkeypatch.setattr(*NAMELESS)
+    with pytest.raises(AssertionError, match="folders of snapshots would mix"):
         check_contact_law(wear)
 
 

@@ -247,6 +247,34 @@ def test_gradients_of_all_increments_are_those_of_differences():
         assert np.abs(found[:, number] - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
+LEAVING = [*SMOOTH[:4], (4.5, (0.0003, 0.0)), (5.0, (0.0005, 0.001)), (6.0, (0.03, 0.002)), (7.0, (0.028, 0.004))]
+"""The upper block is lifted until worn contacts open, and comes back."""
+
+
+@pytest.mark.parametrize("laws", [(hhr.Coulomb(0.3), Wear(RATE)), (Wear(RATE), None, hhr.Coulomb(0.3))])
+def test_gradients_of_wear_beside_friction_as_contacts_open_and_close(laws):
+    """Over differences of all steps, whose statuses are those of the path itself: no kink is between."""
+    model = hhr.condense(full_of(*laws, gap=0.002))
+
+    def ends(change):
+        path = [(time, np.add(point, change)) for time, point in LEAVING]
+        return model.march(path, hhr.MarchSettings(outside="ignore")).answers
+
+    answers = model.march(LEAVING, hhr.MarchSettings(gradient=True, outside="ignore")).answers
+    (wearing,) = (part.rows for part in model.law.ranges if part.law.plugin == "my_contact_law")
+    touching = np.array([answer.forces()[wearing] > 0 for answer in answers])
+    reopened = touching[:-1] & ~touching[1:]
+    assert reopened.any() and (~touching[:-1] & touching[1:])[reopened.any(axis=1).argmax() :].any()
+    found = np.array([answer.gradient.multipliers for answer in answers])
+    expected, step = np.zeros_like(found), 1e-7
+    for number in range(2):
+        both = [ends(sign * step * np.eye(2)[number]) for sign in (1, -1)]
+        for moved in both:
+            assert all(np.array_equal(one.active, other.active) for one, other in zip(moved, answers, strict=True))
+        expected[..., number] = np.subtract(*([answer.multipliers for answer in one] for one in both)) / (2 * step)
+    assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
 def check_laws(full, answer, mu, constants, position=0.0):
     """Equilibrium of an answer, and its forces are the projection of themselves less its own slacks."""
     residuals = residuals_of(full, answer)

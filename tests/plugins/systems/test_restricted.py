@@ -177,6 +177,23 @@ def test_gradients_are_differences(system):
     assert np.max(slope_errors(full, [0.04, 0.01, 0.03, 0.0, 6.0])) <= 1e-6
 
 
+@pytest.mark.parametrize("system", [Foundation, Parted, MySystem("k")])
+def test_moduli_of_bodies_may_be_parameters(system):
+    """Answers are those of bodies whose moduli are numbers, and derivatives are differences."""
+    point = {"push": 0.04, "slide": 0.01, "load": 0.03, "gap": 0.0, "k": 6.0}
+    box = {"k": (0.0, 20.0), "stiff": (2.0, 6.0), "nu": (0.1, 0.4)}
+    joint = joined(system)
+    changed = {"constraints": joint.constraints, "loads": joint.loads, "system": system}
+    varied = hhr.FullOrderModel(pressed_pair("plane_strain", (("stiff", "nu"), (4.0, 0.3)), box, cells=4, **changed))
+    for stiff, nu in ((2.1, 0.38), (5.5, 0.12)):
+        numbers = pressed_pair("plane_strain", ((stiff, nu), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **changed)
+        exact = hhr.FullOrderModel(numbers).solve(point)
+        found = varied.solve(point | {"stiff": stiff, "nu": nu})
+        assert largest_difference(found.displacement(), exact.displacement()) <= 1e-9
+        assert largest_difference(found.forces(), exact.forces()) <= 1e-9
+    assert np.max(slope_errors(varied, [0.04, 0.01, 0.03, 0.0, 6.0, 5.5, 0.12])) <= 1e-6
+
+
 @pytest.mark.parametrize("system", [Parted, MySystem("k")])
 @needs("moduli")
 def test_small_models_and_their_bounds(system):

@@ -1,0 +1,177 @@
+"""Why compositions are refused: for each verb, the function of the package that refuses, with its reason.
+
+A sentence states the mathematical reason. One that opens with "not built in" says that there is
+none: the composition has a meaning, and nobody has written it. All verbs refuse what the full model
+refuses, so that its reasons come first.
+"""
+
+from __future__ import annotations
+
+NOT_BUILT_IN = "not built in"
+"""How a sentence without a mathematical reason opens."""
+
+REFUSED = {
+    "full_order/discretisation.py:_with_laws": "own_contact_law+shape",
+    "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
+    "plugins/constraints/elimination.py:_check_kept": "directed+preload",
+    "plugins/friction/pair_laws.py:check": "shape+tresca",
+    "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
+    "plugins/shapes/reshaped.py:_check_unmoved": (
+        "bedding+shape mean_motion+shape periodic+shape rigid_motion+shape serendipity+shape"
+    ),
+    "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
+    "plugins/sliding/slide.py:_check": "double_pass+sliding own_contact_law+sliding",
+    "plugins/sliding/slide.py:_check_bodies": (
+        "external_law+sliding norton+sliding orthotropic+sliding own_body_law+sliding shape+sliding sliding+voce"
+    ),
+    "plugins/sliding/slide.py:slide": "floating+sliding",
+    "scene.py:_check_system": (
+        "external_law+own_system norton+own_system orthotropic+own_system own_body_law+own_system "
+        "own_system+shape own_system+voce"
+    ),
+}
+"""Pairs that the full model refuses, by the place that refuses them: all pairs are tried, and no others are refused."""
+
+_CODE = "Files, pages and headers hold no code: a law is a program that UFL translates, and other code has none."
+_PROPORTIONAL = (
+    "K is a sum of two matrices whose weights depend on Poisson's ratio: its inverse is no factor times a constant, "
+    "which is what the elastic response of a condensed step with laws of bodies is. Interpolated there: not built in."
+)
+_NO_MODULI = (
+    "not built in: where surfaces slide, a model condenses one compliance of the surfaces, and moduli of parameters "
+    "would need one for each point."
+)
+_CONDENSED_LAWS = (
+    "not built in: the condensed step of bodies with laws solves contact by the active set or by friction, and other "
+    "laws of contacts have ranges in another solver."
+)
+_FLOATING = (
+    "not built in: forces of a condensed step with laws of bodies follow from its slack alone. Where contact alone "
+    "holds a body, they must balance it too, and its motions are unknowns."
+)
+_ELASTIC = "Corrections of elastic steps are round-off: no modes follow from them, and exact condensation is there."
+_SMALL = {
+    "plugins/contact_laws/reduction.py:completed": (
+        "not built in: a step of a law starts from the memory on the RID, and the answer before has that of the whole "
+        "surface, whose order there the step of bodies with laws does not know."
+    ),
+    "plugins/inelastic/elastic_response.py:parts_of": _PROPORTIONAL,
+    "plugins/inelastic/outside.py:program": _CODE,
+    "plugins/sliding/slide.py:slide": _NO_MODULI,
+    "models/histories/steps.py:condensed_stepper": _CONDENSED_LAWS,
+}
+_EXPORT = _SMALL | {
+    "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
+    "plugins/pages/arrays.py:check_model": (
+        "not built in: a page solves a problem with one B, and where surfaces slide past their mesh rows are made "
+        "again in each increment, by searches on both surfaces."
+    ),
+    "registry.py:facet": (
+        "A law of contacts is code in Python, and no rule translates it to JavaScript and C: its plug-in states its "
+        "increments there by the facet `page`, or has none."
+    ),
+}
+
+REASONS: dict[str, dict[str, str]] = {
+    "full": {
+        "full_order/discretisation.py:_with_laws": (
+            "not built in: a force is a pressure times an area, which changes with the shape, and the law keeps the "
+            "areas of one shape. A law of ratios of forces, such as Coulomb's, needs none."
+        ),
+        "plugins/constraints/couplings.py:equations": (
+            "A body of revolution has one rigid motion, along its axis: shifts and turns of the section are strains of "
+            "its rings, so that equations of a plane section would hold another body."
+        ),
+        "plugins/constraints/elimination.py:_check_kept": (
+            "An equation between imposed displacements alone has no unknown: if their values break it, no displacement "
+            "satisfies both."
+        ),
+        "plugins/friction/pair_laws.py:check": (
+            "not built in: the limit of a tangential force is a stress times an area, which changes with the shape."
+        ),
+        "plugins/inelastic/outside.py:statement": (
+            "not built in: in plane stress the strain across is an unknown of the law, solved in UFL around it, and "
+            "code outside of UFL is called for a whole strain."
+        ),
+        "plugins/shapes/reshaped.py:_check_unmoved": (
+            "not built in: coefficients of equations and moduli of beddings are places and areas, which move with the "
+            "shape, and T of U = T V + L theta is that of all points."
+        ),
+        "plugins/shapes/reshaped.py:check_still": (
+            "Gaps are sums D theta, with a column for each term. The gap of a node to a curved surface is nonlinear in "
+            "the places of both: where both depend on parameters it is no sum over the obstacle's: not built in."
+        ),
+        "plugins/sliding/slide.py:_check": (
+            "While surfaces slide, nodes of one pass those of the other, where rows of both passes are dependent: "
+            "pressures have no single value. Laws of contacts beside friction: not built in."
+        ),
+        "plugins/sliding/slide.py:_check_bodies": (
+            "not built in: increments that pair surfaces again solve for forces by one compliance of the surfaces, "
+            "which inelastic strains and shapes change."
+        ),
+        "plugins/sliding/slide.py:slide": (
+            "not built in: motions R of a body that contact alone holds are unknowns, with rows B R, and rows B of "
+            "surfaces that slide are made again in each increment."
+        ),
+        "scene.py:_check_system": (
+            "A law states the stress of its body, and a shape the mesh on which K is assembled; a system states K of "
+            "all bodies. Of two statements of one K one would be left out."
+        ),
+    },
+    "gradient": {
+        "plugins/inelastic/full_order.py:_marching": (
+            "not built in: strains at fixed displacements change with the shape, and derivatives of steps have none of "
+            "these terms."
+        ),
+        "plugins/sliding/model.py:increments": (
+            "Answers have kinks where a node passes an edge of a facet, beside those of statuses. Between kinks "
+            "derivatives of the rows along a path are needed: not built in."
+        ),
+    },
+    "condense": {
+        **_SMALL,
+        "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
+    },
+    "HHR": {
+        "benchmarks": (
+            "A basis and a RID are those of one B. Where surfaces slide past their mesh, B is made again in each "
+            "increment: a training takes usual full models."
+        ),
+        "certify/trust.py:check_solvable": (
+            "Two conditions that touch have one row in the reduced problem: no basis tells their forces apart, thesis "
+            "(1.67)."
+        ),
+        "certify/trust.py:check_stability": (
+            "The inf-sup constant of contact on the RID is zero: some force there does no work on any mode, and has no "
+            "single value."
+        ),
+        "plugins/contact_laws/reduction.py:completed": _SMALL["plugins/contact_laws/reduction.py:completed"],
+        "reduction/build.py:check_given": (
+            "not built in: strains of modes and weights of Gauss points are integrals on one mesh, and change with the "
+            "shape."
+        ),
+    },
+    "page": _EXPORT,
+    "C": _EXPORT,
+    "file": _SMALL,
+    "estimate": _SMALL,
+    "neutral": {
+        "full_order/checks.py:check_regular": (
+            "Springs of stiffness zero hold nothing: K of a body that they alone hold is singular."
+        ),
+        "models/answer.py:outcome": (
+            "Conditions that touch are linearly dependent, thesis (1.67): their forces have no single value."
+        ),
+    },
+}
+"""Reasons by verb and by place, ``file:function`` in the package as rows of a report have it."""
+
+
+def reason(verb: str, place: str) -> str:
+    """Reason of a refusal by its verb, or by the full model; empty for a place that has none."""
+    return REASONS.get(verb, {}).get(place) or REASONS["full"].get(place, "")
+
+
+def refused_pairs() -> dict[frozenset[str], str]:
+    """Place that refuses the full model of each pair in :data:`REFUSED`."""
+    return {frozenset(pair.split("+")): place for place, pairs in REFUSED.items() for pair in pairs.split()}

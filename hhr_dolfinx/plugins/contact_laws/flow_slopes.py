@@ -1,0 +1,74 @@
+"""Facet ``flow_slopes`` of laws on ranges: derivatives of their contacts in histories of bodies with laws.
+
+With the consistent tangent of a step its unknown is eliminated, and contact forces solve the laws on S = B K_T^-1 B^T:
+their rows at the solution are P x' + Q (s' + S x') = -r', see :mod:`.range_increments`. What a memory adds to the slack
+hands on its derivative, :meth:`~.ranges.RangeStep.carried`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.gradient import GRAZING
+from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges
+from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, Eliminated, columnwise
+
+
+class FlowSlopes:
+    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of an equilibrium."""
+
+    def __init__(self, model: Any, count: int):
+        if model.problem.kernel is not None:
+            raise NotOfferedError(
+                f"derivatives of histories in which contact with {model.law.name} alone holds bodies with laws are not "
+                "built in: motions of bodies are unknowns of each step"
+            )
+        self._laws = SolversOfRanges(model.law)
+        self._memory = self._laws.at_rest()
+        self._changes = np.zeros((sum(rows.size for rows in self._laws.rows), count))  # of the shifts of all rows
+
+    @property
+    def remembers(self) -> bool:
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        return bool(self._changes.any())
+
+    def step(
+        self,
+        linear: Eliminated,
+        answer: Answer,
+        slack: np.ndarray,
+        right: tuple[np.ndarray, np.ndarray],
+        way: np.ndarray,
+        seconds: float,
+    ) -> ContactChange:
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        with linear.held():
+            laws, forces = self._laws, answer.multipliers
+            ranges = laws.on(linear.schur())
+            steps = laws.steps(self._memory, answer.parameter, seconds)
+            slack = slack + (ranges.schur - ranges.given) @ forces  # of elastic tangential rows
+            for rows, step in zip(laws.rows, steps, strict=True):
+                slack[rows] += step.shift
+            residual, gaps = right
+            free = columnwise(linear.solve, residual)
+            of_slack = linear.slack_of(gaps, free) + self._changes
+            parts = ranges.linearised(slack, steps, forces, ranges.stiffness, 1)
+            off = np.zeros_like(of_slack)
+            kinks = np.zeros(forces.size, dtype=bool)
+            for rows, step, part in zip(laws.rows, steps, parts, strict=True):
+                at = forces[rows], slack[rows], ranges.stiffness[rows]
+                off[rows] = -part.of_slack(of_slack[rows])
+                if np.ndim(slopes := step.slopes(*at)):
+                    off[rows] -= slopes @ way
+                kinks[rows] = step.grazing(*at, GRAZING * np.abs(at[0]).max(initial=0.0))
+            pushed = ranges.solved(parts, off)
+            opened = of_slack + ranges.schur @ pushed
+            changes = self._changes.copy()
+            for rows, step in zip(laws.rows, steps, strict=True):
+                changes[rows] = step.carried(self._changes[rows], pushed[rows], opened[rows], answer.active[rows])
+            self._changes, self._memory = changes, answer.memory
+            return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, kinks)
