@@ -85,6 +85,12 @@ class StepContact(Protocol):
     ) -> Statuses:
         """Forces under a free slack, (m,), for the S of the given equality problems, from some statuses."""
 
+    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        """Derivatives of the forces that were found last, (m, K), by those of the free slack, (m, K).
+
+        NotSolvableError or LinAlgError if statuses leave forces undetermined.
+        """
+
     def memory(self, unknown: np.ndarray) -> Memory:
         """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
 
@@ -195,6 +201,10 @@ UNILATERAL = Unilateral()
 class _UnilateralStep:
     def solved(self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None) -> Statuses:
         return active_set(equalities, free_slack, active, pairs=pairs)
+
+    def changes(self, equalities: Any, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        changes: np.ndarray = equalities.several(found.active, slack)[0]
+        return changes
 
     def memory(self, unknown: np.ndarray) -> Memory:
         return NO_MEMORY

@@ -50,9 +50,9 @@ class InterfaceSteps(LawSteps):
             )
         return RangesIncrements(model, settings.gradient)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
         """All laws on the S of each linearisation."""
-        return RangesStep(model.law, before, point, time)
+        return RangesStep(model.law, before, point, time, last)
 
     def at_rest(self, model: Any) -> Memory:
         """Of all laws."""

@@ -1,6 +1,6 @@
-"""Laws of bodies whose update is code outside of UFL, for full and hyper-reduced models in memory.
+"""Laws of bodies whose update is code outside of UFL, for full, hyper-reduced and condensed models in memory.
 
-What holds data and no code refuses them: condensed models, files, pages, C and FMUs.
+What holds data and no code refuses them: files, pages, C and FMUs.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class LawCode(LawProgram):
     def program(self) -> NoReturn:
         """Refuse what needs a program with a NotOfferedError."""
         raise NotOfferedError(
-            f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
-            "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
+            f"{self.name} is code outside of UFL, and files, pages, C and FMUs hold none: take models in memory, and "
+            "keep the answers, folder=..., of which these are built again"
         )
 
     @cached_property
