@@ -11,6 +11,7 @@ from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
 from scenes import block_scene, slope, space
+from scipy.optimize import root
 from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
@@ -20,6 +21,8 @@ from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.reduction.reductor import Reductor
 
 YOUNG, POISSON, HEIGHT, WIDTH = 7.0, 0.3, 1.0, 2.0
@@ -56,6 +59,25 @@ def pressures(path):
     return np.array(found).T
 
 
+def flowing_pressures(path, law):
+    """The same of a block that flows: p and the strain that leaves its sides free, by the law at one point."""
+    material = Material([Group(np.zeros(1, dtype=np.int64), YOUNG, POISSON, law.at_points(4))], 4)
+    state, worn, found = material.at_rest(), 0.0, []
+    for (before, _), (time, push) in pairwise(path):
+        dt = time - before
+
+        def update(x, state=state, dt=dt, push=push, worn=worn):
+            strain = np.array([[x[0], (worn + CONSTANT * dt * x[1] - push) / HEIGHT, 0.0, 0.0]])
+            return material.update(strain, state, dt, tangent=False)
+
+        solved = root(lambda x, update=update: update(x).stress[0, :2] + [0.0, x[1]], np.zeros(2), tol=1e-12)
+        assert np.abs(solved.fun).max() < 1e-14 and solved.x[1] > 0
+        state = update(solved.x).state
+        worn += CONSTANT * dt * solved.x[1]
+        found.append((solved.x[1], worn, state.cumulated[0]))
+    return np.array(found).T
+
+
 @pytest.fixture
 def wear(monkeypatch):
     every = {**registry.installed(), "my_contact_law": PLUGIN}
@@ -82,6 +104,25 @@ def test_histories_are_those_by_hand(full, tmp_path):
         for answer, depth in zip(history.answers, depths, strict=True):
             np.testing.assert_allclose(answer.worn, depth, rtol=1e-9)
         assert np.isnan(model.coupling(0.01)) and model.uniqueness(0.01) == "unknown"
+
+
+@needs("inelastic")
+def test_bodies_that_flow_wear_as_by_hand(wear, tmp_path):
+    """Facet ``range`` in the steps of full and condensed models, and of a file: to the tolerance of steps, 1e-10."""
+    law = hhr.Plasticity(0.05, 0.5)
+    flowing = dataclasses.replace(scene(law=wear), bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),))
+    full = hhr.FullOrderModel(flowing, MPI.COMM_SELF)
+    tight = hhr.MarchSettings(relative_force=1e-11, relative_stress=1e-11, floor_stress=1e-11, outside="ignore")
+    pressure, depth, cumulated = flowing_pressures(PATH, law)
+    assert cumulated[-1] > 1e-3
+    condensed = hhr.build(full, hhr.SnapshotSet.of_histories([full.march(PATH, tight)]), CorrectionSettings(trust=None))
+    hhr.save_model(tmp_path / "model.npz", condensed)
+    for model in (full, condensed, hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing])):
+        answers = model.march(PATH, tight).answers
+        np.testing.assert_allclose([a.outputs()["force"] / WIDTH for a in answers], pressure, rtol=1e-8)
+        np.testing.assert_allclose([a.worn for a in answers], np.outer(depth, np.ones(5)), rtol=1e-8)
+    with pytest.raises(NotOfferedError, match=r"contacts have wear is not built in .* no facet 'flow_slopes'"):
+        full.march(PATH, dataclasses.replace(tight, gradient=True))
 
 
 def test_steps_are_cut_until_forces_decay_as_they_should(full):
