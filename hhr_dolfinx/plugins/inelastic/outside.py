@@ -49,6 +49,9 @@ class OutsideLaw(Law):
         self._constants = dict(constants)
         self.__post_init__()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name}, {self._constants})"
+
     def constants(self) -> dict[str, float | str]:
         """See :class:`Law`."""
         return self._constants

@@ -7,6 +7,7 @@ import outside_laws as outside
 import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, up, walled_tube
 from mpi4py import MPI
+from needs import needs
 from sheared import FIRST, PATH, SECOND, rubbing
 
 import hhr_dolfinx as hhr
@@ -101,6 +102,7 @@ def test_derivatives_of_condensed_histories_are_those_of_the_law_in_ufl():
         model.march(cycle(0.7), settings)  # loaded again to the same load
 
 
+@needs("friction")
 def test_code_beside_friction():
     """Condensed histories of friction are those of the law in UFL, with sliding and plastic strain: steps of 1e-10."""
     law = hhr.Plasticity(0.06, 0.5)
