@@ -86,10 +86,7 @@ class StepContact(Protocol):
         """Forces under a free slack, (m,), for the S of the given equality problems, from some statuses."""
 
     def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
-        """Derivatives of the forces that were found last, (m, K), by those of the free slack, (m, K).
-
-        NotSolvableError or LinAlgError if statuses leave forces undetermined.
-        """
+        """Derivatives of the last forces by those of the slack, (m, K); NotSolvableError or LinAlgError without any."""
 
     def memory(self, unknown: np.ndarray) -> Memory:
         """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
@@ -203,8 +200,7 @@ class _UnilateralStep:
         return active_set(equalities, free_slack, active, pairs=pairs)
 
     def changes(self, equalities: Any, found: Statuses, slack: np.ndarray) -> np.ndarray:
-        changes: np.ndarray = equalities.several(found.active, slack)[0]
-        return changes
+        return np.asarray(equalities.several(found.active, slack)[0])
 
     def memory(self, unknown: np.ndarray) -> Memory:
         return NO_MEMORY

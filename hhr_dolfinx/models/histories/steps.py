@@ -40,9 +40,9 @@ class Steps:
         raise NotOfferedError(f"increments of elastic bodies are not built in with {model.law.name}")
 
     def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
-        """Solver of the contact problems of a step of bodies with laws, from an answer to a point, (P,), at a time.
+        """Solver of contact problems of a step of bodies with laws, from an answer to a point, (P,), at a time.
 
-        ``last`` is that of another step on the same S, whose factors may serve again.
+        Factors of ``last``, that of another step on the same S, may serve again.
         """
         raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
@@ -70,9 +70,7 @@ class UnilateralSteps(Steps):
         """Point by point."""
         return solve_along(model, path, settings, **how)
 
-    def step_contact(
-        self, model: object, before: Answer, point: np.ndarray, time: float, last: Any = None
-    ) -> StepContact:
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
         """By the active set."""
         return UNILATERAL_STEP
 
