@@ -41,10 +41,6 @@ _NO_MODULI = (
     "not built in: where surfaces slide, a model condenses one compliance of the surfaces, and moduli of parameters "
     "would need one for each point."
 )
-_CONDENSED_LAWS = (
-    "not built in: the condensed step of bodies with laws solves contact by the active set or by friction, and other "
-    "laws of contacts have ranges in another solver."
-)
 _FLOATING = (
     "not built in: forces of a condensed step with laws of bodies follow from its slack alone. Where contact alone "
     "holds a body, they must balance it too, and its motions are unknowns."
@@ -58,7 +54,6 @@ _SMALL = {
     "plugins/inelastic/elastic_response.py:parts_of": _PROPORTIONAL,
     "plugins/inelastic/outside.py:program": _CODE,
     "plugins/sliding/slide.py:slide": _NO_MODULI,
-    "models/histories/steps.py:condensed_stepper": _CONDENSED_LAWS,
 }
 _EXPORT = _SMALL | {
     "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",

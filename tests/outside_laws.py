@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from condensing import EVERY, TIGHT, apart, cycle, up, walled_tube
+from condensing import EVERY, FINE, TIGHT, apart, condensed, cycle, up, walled_tube
 from needs import present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.reduction.reductor import Task
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
 YIELD, SLOPE = 1.0, 5.0
 FIELDS = *EVERY, "plastic_strain"
@@ -64,23 +64,59 @@ def check_histories(law):
     return full, found, model
 
 
-def check_refused(full, found, model, law, folder):
-    """Files, condensed models, pages, plane stress and laws around it, each by words that say why."""
-    why = f"{law.name} is code outside of UFL"
-    with pytest.raises(NotOfferedError, match=f"{why}, and files.* folder="):
-        hhr.save_model(folder / "model.npz", model)
-    assert not list(folder.iterdir())
-    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+def other_law(condensed, law):
+    """A condensed model with a law instead of its own: other arrays, such as points, stay the same."""
+    flow = condensed.flow
+    code = law.at_points(flow.components)
+    groups = tuple(replace(group, law=group.law and code) for group in flow.groups)
+    given = condensed.parameters, condensed.fields, condensed.trained
+    return CondensedFlowModel(replace(flow, groups=groups), *given)
 
-    with pytest.raises(NotOfferedError, match=why):
-        hhr.build(full, hhr.SnapshotSet.of_histories(found), CorrectionSettings())
-    with pytest.raises(NotOfferedError, match=why):  # before any work
-        CorrectionSettings().check(Task(full))
+
+def check_condensed(full, found, law):
+    """Condensed histories are those of the law in UFL, which a compiled loop solves: round-off of steps of 1e-11.
+
+    So are those of a copy in another process, with what is estimated of time steps. Models that are trained apart may
+    choose another one of two points that are alike, of which completed fields know, and no displacement or force.
+    """
+    whole, training, _ = reference()
+    compiled = condensed(whole, training)
+    same = other_law(compiled, law)
+    settings = replace(FINE, time_error=True)
+    for path in (cycle(0.7), up(0.9, steps=3)):
+        expected = compiled.march(path, settings)
+        assert expected.answers[-1].plastic_strain().max() > 1e-3 and expected.answers[-1].forces().any()
+        for model in (same, pickle.loads(pickle.dumps(same))):
+            history = model.march(path, settings)
+            assert max(apart(history, expected, FIELDS)) < 1e-10
+            assert history.time_error == pytest.approx(expected.time_error, rel=1e-8) != 0
+    made = condensed(full, found)
+    history = made.march(path, FINE)
+    assert max(apart(history, expected, EVERY)) < 1e-9 and max(history.iterations) < 6
+    assert made.flow.points.size < len(full.equilibrium.points) / 2
+    return made
+
+
+def check_refused(full, found, model, law, folder):
+    """Files, pages, plane stress and laws around it, each by words that say why."""
+    why = f"{law.name} is code outside of UFL"
+    small = check_condensed(full, found, law)
+    for one in (model, small):
+        with pytest.raises(NotOfferedError, match=f"{why}, and files, pages, C and FMUs hold none.* folder="):
+            hhr.save_model(folder / "model.npz", one)
+    assert not list(folder.iterdir())
     if present("pages"):
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
         with pytest.raises(NotOfferedError, match="a page marches with condensed flow"):
             check_flow(model)
+        with pytest.raises(NotOfferedError, match=why):
+            hhr.write_model_page(folder / "page.html", small, hhr.scenery_of(full))
+    if present("exporters"):
+        from hhr_dolfinx.plugins.exporters.c_header import write_c_header
+
+        with pytest.raises(NotOfferedError, match=why):
+            write_c_header(folder / "model.h", small)
     for refused in (replace(walled_tube(law), hypothesis="plane_stress"), walled_tube(hhr.Heated(law, 1e-5, 20.0))):
         with pytest.raises(SceneError, match=f"{why}: no plane stress, no heat"):
             hhr.FullOrderModel(refused)

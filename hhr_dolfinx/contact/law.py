@@ -85,6 +85,9 @@ class StepContact(Protocol):
     ) -> Statuses:
         """Forces under a free slack, (m,), for the S of the given equality problems, from some statuses."""
 
+    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        """Derivatives of the last forces by those of the slack, (m, K); NotSolvableError or LinAlgError without any."""
+
     def memory(self, unknown: np.ndarray) -> Memory:
         """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
 
@@ -195,6 +198,9 @@ UNILATERAL = Unilateral()
 class _UnilateralStep:
     def solved(self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None) -> Statuses:
         return active_set(equalities, free_slack, active, pairs=pairs)
+
+    def changes(self, equalities: Any, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        return np.asarray(equalities.several(found.active, slack)[0])
 
     def memory(self, unknown: np.ndarray) -> Memory:
         return NO_MEMORY

@@ -39,13 +39,12 @@ class Steps:
         """Solver of the increments of a history of elastic bodies, for a model whose law remembers."""
         raise NotOfferedError(f"increments of elastic bodies are not built in with {model.law.name}")
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
-        """Solver of the contact problems of a step by linearisation, from an answer to a point, (P,), at a time."""
-        raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+        """Solver of contact problems of a step of bodies with laws, from an answer to a point, (P,), at a time.
 
-    def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
-        """Solver of the steps of a condensed model of bodies with laws; None for the usual one."""
-        raise NotOfferedError(f"condensed bodies with laws are not built in with {model.law.name}")
+        Factors of ``last``, that of another step on the same S, may serve again.
+        """
+        raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
     def at_rest(self, model: object) -> Memory:
         """Memory of undeformed bodies."""
@@ -71,13 +70,9 @@ class UnilateralSteps(Steps):
         """Point by point."""
         return solve_along(model, path, settings, **how)
 
-    def step_contact(self, model: object, before: Answer, point: np.ndarray, time: float) -> StepContact:
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
         """By the active set."""
         return UNILATERAL_STEP
-
-    def condensed_stepper(self, model: object, settings: MarchSettings) -> Any:
-        """The usual one."""
-        return None
 
     def coupling(self, model: object, point: np.ndarray) -> float:
         """None."""

@@ -237,14 +237,19 @@ class RangesIncrements:
 
 
 class RangesStep:
-    """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a point, (P,)."""
+    """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a point, (P,).
 
-    def __init__(self, law: Interface, before: Answer, point: np.ndarray, time: float):
-        self._laws = SolversOfRanges(law)
+    ``earlier`` is that of another step.
+    """
+
+    def __init__(
+        self, law: Interface, before: Answer, point: np.ndarray, time: float, earlier: RangesStep | None = None
+    ):
+        self._laws: SolversOfRanges = SolversOfRanges(law) if earlier is None else earlier._laws
         self._steps = self._laws.steps(before.memory, point, time - before.time)
         self._forces = before.multipliers
-        self._equalities: SchurEqualities | None = None
-        self._schur = np.zeros((0, 0))
+        self._equalities: SchurEqualities | None = None if earlier is None else earlier._equalities
+        self._schur: np.ndarray = np.zeros((0, 0)) if earlier is None else earlier._schur
         self._last: Together | None = None
 
     def solved(
@@ -255,8 +260,20 @@ class RangesStep:
             self._equalities = equalities
             self._schur = equalities.whole()
         self._last = found = self._laws.on(self._schur).solve(free_slack, self._steps, self._forces)
-        self._forces = found.forces
+        if found.status is Status.CONVERGED:  # else no start for the next one
+            self._forces = found.forces
         return Statuses(found.forces, found.active, found.iterations, found.status, found.projections > 0)
+
+    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        last = self._last
+        assert last is not None
+        ranges = self._laws.on(self._schur)
+        right = np.zeros_like(slack)
+        parts = ranges.linearised(last.slack, self._steps, last.forces, ranges.stiffness, 1)
+        for rows, part in zip(ranges.rows, parts, strict=True):
+            right[rows] = -part.of_slack(slack[rows])
+        return ranges.solved(parts, right)
 
     def memory(self, unknown: np.ndarray) -> Memory:
         """See :class:`~hhr_dolfinx.contact.law.StepContact`."""

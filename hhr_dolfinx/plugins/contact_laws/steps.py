@@ -15,6 +15,7 @@ from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import Steps
 from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, proportional, single
+from hhr_dolfinx.plugins.contact_laws.interface import ranged
 from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, RangesStep
 
 
@@ -35,6 +36,27 @@ class LawSteps(Steps):
             return single(model, point, raise_on_failure, outside, gradient)
         return proportional(model, point, raise_on_failure, outside, gradient, **step)
 
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+        """All laws on the S of each linearisation, by their facet ``range``."""
+        return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
+
+    def at_rest(self, model: Any) -> Memory:
+        """Of all laws."""
+        memory = NO_MEMORY
+        for part in ranged(model.law, model.conditions).ranges:
+            memory = memory | part.solver().at_rest()
+        return memory
+
+    def watch(self, model: Any) -> Callable[[Answer], None]:
+        """Of all laws."""
+        solvers = [part.solver() for part in ranged(model.law, model.conditions).ranges]
+
+        def check(answer: Answer) -> None:
+            for solver in solvers:
+                solver.check(answer.memory, model.parameters.described(answer.parameter))
+
+        return check
+
 
 class InterfaceSteps(LawSteps):
     """Laws of several plug-ins, or without memory; their increments are in :mod:`.range_increments`."""
@@ -49,27 +71,6 @@ class InterfaceSteps(LawSteps):
                 "the increments, MarchSettings(gradient=True)"
             )
         return RangesIncrements(model, settings.gradient)
-
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
-        """All laws on the S of each linearisation."""
-        return RangesStep(model.law, before, point, time)
-
-    def at_rest(self, model: Any) -> Memory:
-        """Of all laws."""
-        memory = NO_MEMORY
-        for part in model.law.ranges:
-            memory = memory | part.solver().at_rest()
-        return memory
-
-    def watch(self, model: Any) -> Callable[[Answer], None]:
-        """Of all laws."""
-        solvers = [part.solver() for part in model.law.ranges]
-
-        def check(answer: Answer) -> None:
-            for solver in solvers:
-                solver.check(answer.memory, model.parameters.described(answer.parameter))
-
-        return check
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
         """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of their parts in it."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
 from hhr_dolfinx.contact.law import StepContact
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
@@ -24,10 +24,12 @@ class _RubbingStep:
     """Contact problems of the linearisations of one step of inelastic bodies, from a slip state and forces, (m,).
 
     All measure slip from the beginning of the step, backward Euler for the rate of slip, to a point, (P,). The last
-    one, at which the stress has converged, gives the slip of the step.
+    one, at which the stress has converged, gives the slip of the step. ``earlier`` is that of another step.
     """
 
-    def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
+    def __init__(
+        self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray, earlier: _RubbingStep | None
+    ):
         self._friction = model.law
         self._surface = Surface.of(model)
         self._point = point
@@ -35,8 +37,8 @@ class _RubbingStep:
         self._before = before
         self._position = self._surface.position(before)
         self._forces = forces
-        self._on: SchurEqualities | None = None
-        self._contact: SlidingContact | None = None
+        self._on: SchurEqualities | None = None if earlier is None else earlier._on
+        self._contact: SlidingContact | None = None if earlier is None else earlier._contact
         self._last: tuple[Increment, Sliding] | None = None
 
     def solved(
@@ -49,9 +51,15 @@ class _RubbingStep:
         slack[self._friction.tangential] -= self._position
         given = Increment(slack, self._coefficient, self._limit, np.zeros(0))
         found = self._contact.increment(given, self._forces, active)
-        self._forces = found.forces
+        if found.status is Status.CONVERGED:  # else no start for the next one
+            self._forces = found.forces
         self._last = given, found
         return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
+
+    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        assert self._contact is not None and self._last is not None
+        same = np.zeros((self._friction.normal.size, slack.shape[1]))
+        return self._contact.changes(*self._last, slack, (same, same), np.zeros((0, slack.shape[1])))[0]
 
     def memory(self, unknown: np.ndarray) -> Memory:
         assert self._last is not None
@@ -64,13 +72,8 @@ class _Steps(LawSteps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         return Slider(model, settings.gradient, settings.limit)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float) -> StepContact:
-        return _RubbingStep(model, point, before.memory[SLIP], before.multipliers)
-
-    def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
-        from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
-
-        return RubbingFlowStepper(model, settings)
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+        return _RubbingStep(model, point, before.memory[SLIP], before.multipliers, last)
 
     def at_rest(self, model: Any) -> Memory:
         return Memory(slip=SlipState.at_rest(Surface.of(model).whole))

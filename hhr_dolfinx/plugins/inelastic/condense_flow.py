@@ -262,12 +262,11 @@ class CorrectionSettings(Reductor["_Shared"]):
         return self.trust
 
     def check(self, task: Task) -> None:
-        """Refuse elastic scenes, laws outside of UFL, and other trainings than of histories with plastic strain."""
+        """Refuse elastic scenes, and other trainings than of histories with plastic strain."""
         full = task.full
         snapshots = task.snapshots
         if full.equilibrium is None:
             raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
-        _ = equilibrium_of(full).material.code  # refuses laws without programs
         full.problem.require_whole()
         if full.problem.kernel is not None:
             raise NotOfferedError(

@@ -14,7 +14,6 @@ Needs neither DOLFINx nor PETSc.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -31,16 +30,16 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
 from hhr_dolfinx.plugins.inelastic.condensed_fields import SAME, CondensedFlowFields, PartFactors
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, extrapolated, texts_of
+from hhr_dolfinx.plugins.inelastic.correction_step import CorrectionStepper, NewtonStepper
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, texts_of
 from hhr_dolfinx.plugins.inelastic.law import State, Update
 from hhr_dolfinx.plugins.inelastic.march import Histories
-from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
@@ -101,6 +100,8 @@ class CondensedEquilibrium(Histories):
     """Equilibrium of g and λ, of which the unknown holds g first."""
 
     schur: np.ndarray  # S for the present moduli, (m, m)
+    equalities: SchurEqualities  # on it
+    coupled: np.ndarray  # P for the present moduli, (ell, m)
     scale: np.ndarray  # factor of the strain of contact forces, (c n,)
     free_strain: np.ndarray  # without correction and contact forces as terms of θ, (c n, 1 + T)
 
@@ -129,9 +130,9 @@ class CondensedEquilibrium(Histories):
         # the array kept from the middle belongs to its elasticity
         vars(self).pop("step_model", None)
         self.scale = np.tile(weights[flow.parts], flow.components)
-        self._coupled = weights[flow.mode_parts][:, None] * flow.coupled
+        self.coupled = weights[flow.mode_parts][:, None] * flow.coupled
         self.schur = np.tensordot(weights, flow.schur, 1)
-        self._equalities = SchurEqualities.symmetric(self.schur)
+        self.equalities = SchurEqualities.symmetric(self.schur)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(weights, flow.pressed, 1))
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
@@ -176,13 +177,13 @@ class CondensedEquilibrium(Histories):
         correction = x[: self.modes]
         flow = self.flow
         found = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
-        found -= self._coupled @ (x[self.modes :] - self.elastic_forces(theta))
+        found -= self.coupled @ (x[self.modes :] - self.elastic_forces(theta))
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
         """Contact forces λ_e of the elastic bodies, without plastic strain, (m,); NotSolvableError without any."""
         slack = self.gaps(theta)
-        found = active_set(self._equalities, slack, slack < 0)
+        found = active_set(self.equalities, slack, slack < 0)
         if found.status is not Status.CONVERGED:
             raise NotSolvableError(f"the elastic contact problem has no solution: {found.status.value}")
         return found.forces
@@ -211,8 +212,8 @@ class CondensedEquilibrium(Histories):
             return plastic
         elastic = self.elastic_forces(way.theta)
         unknown = np.concatenate([np.zeros(self.modes), elastic])
-        changes, _ = self._equalities(elastic > 0, self.gaps_along(unknown, way))
-        found = plastic + self._coupled @ changes
+        changes, _ = self.equalities(elastic > 0, self.gaps_along(unknown, way))
+        found = plastic + self.coupled @ changes
         if self.moduli:
             softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
             found -= softer @ (x[self.modes :] - elastic)
@@ -235,15 +236,16 @@ class CondensedEquilibrium(Histories):
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of one history: a compiled loop, or that of the law of its contacts."""
-        return steps_of(self.law).condensed_stepper(self, settings) or CondensedStepper(self, settings)
+        """Solver of the steps of one history: a compiled loop of programs with unilateral contact, or Python."""
+        code = any(isinstance(group.law, LawCode) for group in self.flow.groups)
+        return (NewtonStepper if code or self.law.remembers else CondensedStepper)(self, settings)
 
     @cached_property
     def step_model(self) -> StepModel:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
-        arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
+        arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self.coupled
         rest = flow.ends, float(np.linalg.norm(flow.tested)), np.array([flow.per_mode, flow.tested], dtype=np.float32)
         every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
         return StepModel(*every)
@@ -262,7 +264,7 @@ class _CondensedLinearisation:
     def _per_force(self) -> np.ndarray:
         """Corrections by contact forces, (ell, m)."""
         model = self._model
-        per_force = (self._tested * model.scale) @ model.flow.per_force.T + model._coupled
+        per_force = (self._tested * model.scale) @ model.flow.per_force.T + model.coupled
         return self._corrected(per_force)
 
     def _corrected(self, residual: np.ndarray) -> np.ndarray:
@@ -296,7 +298,7 @@ class _CondensedLinearisation:
         """
         model = self._model
         on = np.flatnonzero(active)
-        per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model._coupled[:, on]
+        per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model.coupled[:, on]
         size = model.modes
         matrix = np.zeros((size + on.size, size + on.size))
         matrix[:size, :size] = self._plain
@@ -319,32 +321,6 @@ _WHY = {
     compiled_step.CONTACT: "the contact forces were not found",
 }
 """Message for each way in which a step may end."""
-
-
-class CorrectionStepper(Stepper):
-    """Solves steps from corrections that are near; of the settings ``relative_force`` and ``iterations`` count."""
-
-    def __init__(self, model: Any, settings: MarchSettings):
-        super().__init__(model, settings)
-        self._strains = SmallStrains()
-
-    def learn(self, answer: Answer) -> None:
-        """Take in the correction of a solved step."""
-        self._grow(float(np.linalg.norm(answer.unknown[: self.model.modes])))
-
-    @abstractmethod
-    def _grow(self, size: float) -> None:
-        """Take in the size of a correction."""
-
-    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
-        modes = self.model.modes
-        starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
-        return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)
-
-    @abstractmethod
-    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
-        """Answer from the first of some corrections that leads to one."""
 
 
 class CondensedStepper(CorrectionStepper):

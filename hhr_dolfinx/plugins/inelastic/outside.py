@@ -1,6 +1,6 @@
-"""Laws of bodies whose update is code outside of UFL, for full and hyper-reduced models in memory.
+"""Laws of bodies whose update is code outside of UFL, for full, hyper-reduced and condensed models in memory.
 
-What holds data and no code refuses them: condensed models, files, pages, C and FMUs.
+What holds data and no code refuses them: files, pages, C and FMUs.
 """
 
 from __future__ import annotations
@@ -49,6 +49,9 @@ class OutsideLaw(Law):
         self._constants = dict(constants)
         self.__post_init__()
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name}, {self._constants})"
+
     def constants(self) -> dict[str, float | str]:
         """See :class:`Law`."""
         return self._constants
@@ -94,8 +97,8 @@ class LawCode(LawProgram):
     def program(self) -> NoReturn:
         """Refuse what needs a program with a NotOfferedError."""
         raise NotOfferedError(
-            f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
-            "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
+            f"{self.name} is code outside of UFL, and files, pages, C and FMUs hold none: take models in memory, and "
+            "keep the answers, folder=..., of which these are built again"
         )
 
     @cached_property

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from my_contact_law import PLUGIN, Wear
 from needs import needs
 from scenes import block_scene, slope, space
+from scipy.optimize import root
 from test_systems import OF_PLUGINS, deck
 
 import hhr_dolfinx as hhr
@@ -57,6 +58,27 @@ def pressures(path):
         pressure = max(push - worn, 0.0) / (COMPLIANCE + CONSTANT * dt)
         worn += CONSTANT * dt * pressure
         found.append((pressure, worn))
+    return np.array(found).T
+
+
+def flowing_pressures(path, law):
+    """The same of a block that flows: p and the strain that leaves its sides free, by the law at one point."""
+    from hhr_dolfinx.plugins.inelastic.update import Group, Material
+
+    material = Material([Group(np.zeros(1, dtype=np.int64), YOUNG, POISSON, law.at_points(4))], 4)
+    state, worn, found = material.at_rest(), 0.0, []
+    for (before, _), (time, push) in pairwise(path):
+        dt = time - before
+
+        def update(x, state=state, dt=dt, push=push, worn=worn):
+            strain = np.array([[x[0], (worn + CONSTANT * dt * x[1] - push) / HEIGHT, 0.0, 0.0]])
+            return material.update(strain, state, dt, tangent=False)
+
+        solved = root(lambda x, update=update: update(x).stress[0, :2] + [0.0, x[1]], np.zeros(2), tol=1e-12)
+        assert np.abs(solved.fun).max() < 1e-14 and solved.x[1] > 0
+        state = update(solved.x).state
+        worn += CONSTANT * dt * solved.x[1]
+        found.append((solved.x[1], worn, state.cumulated[0]))
     return np.array(found).T
 
 
@@ -133,6 +155,29 @@ def test_ranges_answer_as_increments_of_its_own(full, monkeypatch):
     assert np.isnan(own.coupling(0.01)) and own.uniqueness(0.01) == "unknown"
     with pytest.raises(NotOfferedError, match="derivatives of wear are not built in"):
         own.march(PATH, hhr.MarchSettings(gradient=True))
+
+
+@needs("inelastic")
+def test_bodies_that_flow_wear_as_by_hand(wear, tmp_path):
+    """Facet ``range`` in the steps of full and condensed models, and of a file: to the tolerance of steps, 1e-10.
+
+    Newton's slope of a condensed step has that of the forces, else it took more iterations.
+    """
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+
+    law = hhr.Plasticity(0.05, 0.5)
+    flowing = dataclasses.replace(scene(law=wear), bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),))
+    full = hhr.FullOrderModel(flowing, MPI.COMM_SELF)
+    tight = hhr.MarchSettings(relative_force=1e-11, relative_stress=1e-11, floor_stress=1e-11, outside="ignore")
+    pressure, depth, cumulated = flowing_pressures(PATH, law)
+    assert cumulated[-1] > 1e-3
+    condensed = hhr.build(full, hhr.SnapshotSet.of_histories([full.march(PATH, tight)]), CorrectionSettings(trust=None))
+    hhr.save_model(tmp_path / "model.npz", condensed)
+    for model in (full, condensed, hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing])):
+        answers = model.march(PATH, tight).answers
+        assert model is full or max(answer.iterations for answer in answers) <= 6
+        np.testing.assert_allclose([a.outputs()["force"] / WIDTH for a in answers], pressure, rtol=1e-8)
+        np.testing.assert_allclose([a.worn for a in answers], np.outer(depth, np.ones(5)), rtol=1e-8)
 
 
 def test_steps_are_cut_until_forces_decay_as_they_should(full):

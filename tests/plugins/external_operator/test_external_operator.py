@@ -1,12 +1,17 @@
 """Functions in the calling convention of dolfinx-external-operator as laws, beside laws in UFL."""
 
+from dataclasses import replace
+
 import numpy as np
 import outside_laws as outside
 import pytest
-from condensing import QUIET, TIGHT, apart, up, walled_tube
+from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, up, walled_tube
+from mpi4py import MPI
+from needs import needs
+from sheared import FIRST, PATH, SECOND, rubbing
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, SceneError
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 ELASTIC = {"young": 200.0, "poisson": 0.3}
@@ -80,6 +85,41 @@ def test_histories_are_those_of_the_law_in_ufl_and_what_holds_no_code_refuses(tm
     assert set(CALLS) == {(1, 0, 0)} and not made[0].equilibrium.material.rated
 
 
+def test_derivatives_of_condensed_histories_are_those_of_the_law_in_ufl():
+    """Central differences of code beside exact slopes of a program: 1e-5 of the box, so 1e-6. A kink is refused."""
+    full, histories, _ = outside.reference()
+    exact = condensed(full, histories)
+    model = outside.other_law(exact, hhr.ExternalOperator(sigma_external))
+    settings = replace(FINE, gradient=True)
+    path = [(time, 0.99 * point) for time, point in up(0.9, steps=6)]
+    histories = [item.march(path, settings).answers for item in (model, exact)]
+    assert histories[1][-1].plastic_strain().any()
+    for name in ("multipliers", "unknown"):
+        found, expected = (np.array([getattr(answer.gradient, name) for answer in answers]) for answers in histories)
+        assert np.abs(expected[-1]).max() > 1e-3
+        np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    with pytest.raises(NotOfferedError, match=r"sigma_external is code, whose derivatives are differences, .* kink"):
+        model.march(cycle(0.7), settings)  # loaded again to the same load
+
+
+@needs("friction")
+def test_code_beside_friction():
+    """Condensed histories of friction are those of the law in UFL, with sliding and plastic strain: steps of 1e-10."""
+    law = hhr.Plasticity(0.06, 0.5)
+    bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
+    full = hhr.FullOrderModel(rubbing(0.3, cells=4, bodies=bodies), MPI.COMM_SELF)
+    path = [(float(time), np.array(point)) for time, point in PATH]
+    settings = replace(FINE, relative_force=1e-10)
+    exact = condensed(full, [full.march(path, TIGHT)], trust=None)
+    code = hhr.ExternalOperator(with_constants, {"strength": 0.06, "slope": 0.5}, **NAMED)
+    one, other = (item.march(path, settings) for item in (outside.other_law(exact, code), exact))
+    assert max(apart(one, other, outside.FIELDS)) < 1e-9
+    assert {1, 2} <= {status for answer in other.answers for status in answer.slip.statuses.tolist()}
+    assert other.answers[-1].plastic_strain().max() > 1e-2
+    for found, expected in zip(one.answers, other.answers, strict=True):
+        np.testing.assert_allclose(found.slip.work, expected.slip.work, atol=1e-9 * expected.slip.work.max() + 1e-15)
+
+
 def test_constants_are_operands_and_may_be_formulas_of_parameters_and_places():
     box = {"s": (0.5, 1.5), "H": (1.0, 10.0)}
     formulas = {"strength": "s * (1 - 0.1 * r)", "slope": "H"}
@@ -132,6 +172,19 @@ def test_points_without_an_answer_cut_the_step_and_are_named(monkeypatch):
     monkeypatch.setitem(LARGEST, "increment", 1e-7)
     with pytest.raises(ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("):
         full.march(once, QUIET)
+
+
+def test_condensed_steps_are_cut_where_code_has_no_answer(monkeypatch):
+    """As full ones are."""
+    model = outside.other_law(condensed(*outside.reference()[:2]), hhr.ExternalOperator(fails))
+    once = [up(0.9)[0], up(0.9)[-1]]
+    exact = model.march(once, QUIET).answers[-1]
+    monkeypatch.setitem(LARGEST, "increment", 0.5 * np.abs(exact.state().stress).max() / 200.0)
+    cut = model.march(once, QUIET).answers[-1]
+    assert cut.converged and cut.parts > exact.parts == 1
+    monkeypatch.setitem(LARGEST, "increment", 1e-7)
+    with pytest.raises(ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("):
+        model.march(once, QUIET)
 
 
 def test_stores_know_source_and_constants(tmp_path):

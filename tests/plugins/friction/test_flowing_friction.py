@@ -14,8 +14,8 @@ from test_reduced_friction import BOX, OUTPUTS, paths
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
-from hhr_dolfinx.plugins.friction import rubbing_flow
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.equilibrium import Goal
 from hhr_dolfinx.plugins.inelastic.state import flowed
 
 PATH = [
@@ -156,21 +156,14 @@ def test_newtons_slope_is_that_of_the_residual(condensed):
         if other.slip.statuses.max() == 2 and other.plastic_strain().max() > one.plastic_strain().max() + 1e-4
     )  # fmt: skip
     stepper = equilibrium.stepper(hhr.MarchSettings())
-    material = equilibrium.material.at(here.parameter)
-    theta = equilibrium.amplitudes(here.parameter)
-    slack = equilibrium.gaps(theta).copy()
-    slack[condensed.law.tangential] -= before.slip.position
-    given = slack, equilibrium.free_strain @ theta, *condensed.law.bounds(here.parameter)
-    load = rubbing_flow._Load(*given, before.state().state, 1.0)
+    load = stepper.load(before, Goal(before.time + 1.0, here.parameter))
     correction = here.unknown[: equilibrium.modes]
-    at = stepper._tried(load, material, correction, here.multipliers, here.active)
-    slope = stepper._slope(load, at)
+    at = stepper.tried(load, correction, here.active)
+    slope = stepper.slope(load, at)
     step = 1e-6 * np.linalg.norm(correction)
     for axis in range(0, equilibrium.modes, 5):
         shift = step * (np.arange(equilibrium.modes) == axis)
-        sides = [
-            stepper._tried(load, material, correction + s * shift, at.found.forces, at.found.active) for s in (-1, 1)
-        ]
+        sides = [stepper.tried(load, correction + s * shift, at.found.active) for s in (-1, 1)]
         difference = (sides[1].residual - sides[0].residual) / (2 * step)
         np.testing.assert_allclose(-slope[:, axis], difference, atol=1e-3 * np.abs(slope).max())
 

@@ -1,0 +1,193 @@
+"""Step of a condensed inelastic model in Python, for laws that are code and for contacts with laws: Newton's method.
+
+It solves what :mod:`plugins.inelastic.condensed_step` solves in one compiled loop of programs,
+
+    R(g) = sum of w (G V)^T C ε_p(ε) - Q g - P (λ(g) - λ_e),      ε = ε_0 - E_X^T λ(g) + E_p g,
+
+by whatever evaluates ε_p at the points, and with the forces λ(g) under the slack s - B V g + S λ by the law of the
+contacts. λ(g) is piecewise smooth, and its derivative is that at its statuses. With a law that remembers the
+correction of the cubature leaves out forces, P = 0: it assumes forces of elastic bodies, which depend on the path then.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status, Statuses
+from hhr_dolfinx.contact.law import StepContact
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.steps import steps_of
+from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE, ROUND_OFF
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.law import State, Update
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.update import Material
+
+
+class CorrectionStepper(Stepper):
+    """Solves steps from corrections that are near; of the settings ``relative_force`` and ``iterations`` count."""
+
+    def __init__(self, model: Any, settings: MarchSettings):
+        super().__init__(model, settings)
+        self._strains = SmallStrains()
+
+    def learn(self, answer: Answer) -> None:
+        """Take in the correction of a solved step."""
+        self._grow(float(np.linalg.norm(answer.unknown[: self.model.modes])))
+
+    @abstractmethod
+    def _grow(self, size: float) -> None:
+        """Take in the size of a correction."""
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
+        modes = self.model.modes
+        starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
+        return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)
+
+    @abstractmethod
+    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
+        """Answer from the first of some corrections that leads to one."""
+
+
+class Trial(NamedTuple):
+    """A correction and all that follows from it."""
+
+    correction: np.ndarray
+    found: Statuses
+    update: Update
+    strain: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def merit(self) -> float:
+        """|R|."""
+        return float(np.linalg.norm(self.residual))
+
+
+class Load(NamedTuple):
+    """Input of a step."""
+
+    slack: np.ndarray  # without correction and contact forces, (m,)
+    strain: np.ndarray  # the same by component, (c n,)
+    forces: np.ndarray  # λ_e, (m,)
+    contact: StepContact
+    material: Material
+    before: State
+    dt: float
+
+
+class NewtonStepper(CorrectionStepper):
+    """Solves the steps of a condensed inelastic model with any laws, with numbers as moduli."""
+
+    def __init__(self, model: Any, settings: MarchSettings):
+        super().__init__(model, settings)
+        self._size = 0.0
+        self._contact: StepContact | None = None
+
+    def _grow(self, size: float) -> None:
+        self._size = max(self._size, size)
+
+    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
+        spent = 0
+        failure = Diverged("nothing was tried")
+        for start in starts:
+            load = self.load(here, goal)
+            try:
+                found, count = self._solved(load, start, here)
+            except Diverged as error:
+                failure = error
+                spent += self.settings.iterations
+                continue
+            return self._answer(found, load, goal, spent + count)
+        raise failure
+
+    def load(self, here: Answer, goal: Goal) -> Load:
+        """Input of the step from an answer to a goal; Diverged if elastic bodies have no contact forces there."""
+        model = self.model
+        theta = model.amplitudes(goal.parameter)
+        self._contact = contact = steps_of(model.law).step_contact(
+            model, here, goal.parameter, goal.time, self._contact
+        )
+        forces = np.zeros(model.conditions)
+        if not model.law.remembers:
+            try:
+                forces = model.elastic_forces(theta)
+            except NotSolvableError as error:
+                raise Diverged(str(error)) from error
+        rest = contact, model.material.at(goal.parameter), gauss_of(here).state, goal.time - here.time
+        return Load(model.gaps(theta), model.free_strain @ theta, forces, *rest)
+
+    def _solved(self, load: Load, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
+        """Try once from a correction; returns the result and its number of iterations."""
+        at = self.tried(load, start, here.active)
+        noise = ROUND_OFF * float(np.linalg.norm(self.model.flow.tested) * np.linalg.norm(at.strain))
+        for iteration in range(1, self.settings.iterations + 1):
+            size = max(float(np.linalg.norm(at.correction)), self._size)
+            if at.merit <= max(self.settings.relative_force * size, noise):
+                return at, iteration
+            at = self._nearer(load, at)
+        raise Diverged(f"the {self.settings.iterations} iterations allowed are spent")
+
+    def _nearer(self, load: Load, at: Trial) -> Trial:
+        """The next iterate, by a line search along Newton's direction."""
+        try:
+            direction = np.linalg.solve(self.slope(load, at), at.residual)
+        except (np.linalg.LinAlgError, NotSolvableError) as error:
+            raise Diverged(f"{error}, a singular tangent") from error
+        share = 1.0
+        while share >= LEAST_SHARE:
+            try:
+                tried = self.tried(load, at.correction + share * direction, at.found.active)
+                if tried.merit <= (1 - DECREASE * share) * at.merit:
+                    return tried
+            except Diverged:
+                if share == LEAST_SHARE:
+                    raise
+            share *= 0.5
+        raise Diverged(f"no part of Newton's step down to 1/{round(1 / LEAST_SHARE)} lowers the residual")
+
+    def tried(self, load: Load, correction: np.ndarray, active: np.ndarray) -> Trial:
+        """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
+        model = self.model
+        found = load.contact.solved(model.equalities, load.slack - model.flow.moved @ correction, active, None)
+        if found.status is not Status.CONVERGED:
+            raise Diverged(f"of the contact problem, {found.status.value}")
+        strain = model.strain_under(load.strain, correction, found.forces)
+        try:
+            update = load.material.update(strain, load.before, load.dt, tangent=True)
+        except ConvergenceError as error:
+            raise Diverged(str(error)) from error
+        residual = model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
+        residual -= model.coupled @ (found.forces - load.forces)
+        if not np.isfinite(residual).all():
+            raise Diverged("a law found no flow, or one that is impossible")
+        return Trial(correction, found, update, strain, residual)
+
+    def slope(self, load: Load, at: Trial) -> np.ndarray:
+        """-dR/dg, (ell, ell), at the trial that was solved last."""
+        model = self.model
+        forces = load.contact.changes(model.equalities, at.found, -model.flow.moved)
+        flowing = model.flowing(at.update.tangents)
+        pressed = ((flowing * model.scale) @ model.flow.per_force.T + model.coupled) @ forces
+        found: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
+        return found
+
+    def _answer(self, at: Trial, load: Load, goal: Goal, iterations: int) -> Answer:
+        self._strains.check(at.strain)
+        found = at.found
+        unknown = np.concatenate([at.correction, found.forces])
+        memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(unknown)
+        how = found.active, iterations, Status.CONVERGED, found.cycled, self.model.fields
+        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=memory)
+        self.learn(answer)
+        return answer
