@@ -1,4 +1,4 @@
-"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the files that solve by them."""
+"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the file that solves by them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ class _Page:
     """See :class:`hhr_dolfinx.plugins.pages.arrays.LawOnPage`."""
 
     key = "friction"
-    script = _FOLDER / "friction.js"
     header = _FOLDER / "friction.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:

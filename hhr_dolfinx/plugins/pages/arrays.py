@@ -27,12 +27,17 @@ from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.pages.kernel import kernel_parts, kernel_path
+from hhr_dolfinx.plugins.pages.layout import encoded
 from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
+from hhr_dolfinx.plugins.pages.records import kernel_data
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 FLAT = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
+
+_OF_KERNEL = ("amplitudes", "limits", "groups", "schur", "free_slack", "gaps", "reshaped")
 
 
 def check_model(model: object, what: str = "a page") -> None:
@@ -78,8 +83,7 @@ class LawOnPage(Protocol):
     """Facet ``page`` of a law of interfaces."""
 
     key: str  # name of its data in the tree of a page
-    script: Path  # file in JavaScript that solves by the law
-    header: Path  # the same in C
+    header: Path  # file in C that solves by the law, beside the kernels that are compiled of it
 
     def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
         """Rows and constants of the law."""
@@ -107,8 +111,33 @@ def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], 
         from hhr_dolfinx.plugins.pages.interpolated import bound_tree
 
         tree["bound"] = bound_tree(model, arrays)
+    tree = _drawn(tree) | {"kernel": _kernel(model, tree, arrays)}
     tree |= pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
+
+
+def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
+    """The compiled kernel that a model needs, and its data."""
+    law = page_of(model.law, "a page") if model.law.plugin else None
+    code = np.frombuffer(kernel_path(kernel_parts(tree), law).read_bytes(), dtype=np.uint8)
+    own = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
+    return own | {"code": arrays.put("kernel", code, "<u1")}
+
+
+def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
+    """What a page reads of a tree itself; the rest is data of the kernel."""
+    found = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
+    found["outputs"] = [{key: item[key] for key in ("name", "unit")} for item in tree["outputs"]]
+    own = ("terms", "forced", "factor", "weights")  # of the bound
+    found["parts"] = [{key: part[key] for key in own} for part in tree["parts"]] if tree["bound"] else []
+    if tree["friction"]:
+        found["friction"] = {key: value for key, value in tree["friction"].items() if key != "laws"}
+    if tree["flow"]:
+        kept = ("points", "elastic", "grading")
+        groups = [{key: group[key] for key in kept} for group in tree["flow"]["groups"]]
+        found["flow"] = {key: tree["flow"][key] for key in ("parts", "per_mode", "fixed", "unforeseen")}
+        found["flow"]["groups"] = groups
+    return found
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
