@@ -55,7 +55,16 @@ FREESTANDING = ("math.h", "stdlib.h", "string.h")
 """Headers of C that a compiler for WebAssembly lacks."""
 FLAGS = (
     "--target=wasm32-freestanding",
-    *("-std=c99", "-Os", "-ffp-contract=off", "-fno-builtin", "-mbulk-memory", "-nostdlib", "-fvisibility=hidden"),
+    *(
+        "-std=c99",
+        "-Os",
+        "-ffp-contract=off",
+        "-fno-builtin",
+        "-fno-inline",
+        "-mbulk-memory",
+        "-nostdlib",
+        "-fvisibility=hidden",
+    ),
     *("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=1048576"),
 )
 """Options of clang for a kernel of pages."""

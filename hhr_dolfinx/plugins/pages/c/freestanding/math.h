@@ -11,8 +11,8 @@
 #define sqrt(x) __builtin_sqrt(x)
 #define floor(x) __builtin_floor(x)
 #define ceil(x) __builtin_ceil(x)
-static inline double fmax(double a, double b) { return a > b || b != b ? a : b; }
-static inline double fmin(double a, double b) { return a < b || b != b ? a : b; }
+static inline __attribute__((always_inline)) double fmax(double a, double b) { return a > b || b != b ? a : b; }
+static inline __attribute__((always_inline)) double fmin(double a, double b) { return a < b || b != b ? a : b; }
 static inline double ldexp(double x, int power) {
     for (; power > 0; power--) x *= 2;
     for (; power < 0; power++) x /= 2;
