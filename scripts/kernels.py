@@ -6,6 +6,7 @@ import itertools
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.plugins.pages.kernel import compiled, kernel_path, page_sources
+from hhr_dolfinx.plugins.pages.laws import Laws
 
 LAWS = ("friction",)
 """Plug-ins of laws of interfaces that bring kernels."""
@@ -13,11 +14,12 @@ LAWS = ("friction",)
 
 def main() -> None:
     """Compile all of them."""
-    laws = [registry.facet(name, "page", "a kernel") for name in LAWS if name in registry.installed()]
-    for law, part in itertools.product([None, *laws], ([], ["floating"], ["flow"])):
+    facets = [registry.facet(name, "page", "a kernel") for name in LAWS if name in registry.installed()]
+    for law, part in itertools.product([None, *facets], ([], ["floating"], ["flow"])):
         parts = [*part, *([] if law is None else [law.key])]
-        kernel_path(parts, law).write_bytes(found := compiled(page_sources(parts, law)))
-        print(kernel_path(parts, law).name, len(found))
+        path = kernel_path(parts, Laws(law, ()))
+        path.write_bytes(found := compiled(page_sources(parts, Laws(law, ()))))
+        print(path.name, len(found))
 
 
 if __name__ == "__main__":

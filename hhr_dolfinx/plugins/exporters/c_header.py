@@ -14,10 +14,11 @@ import numpy as np
 
 from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, page_of
-from hhr_dolfinx.plugins.pages.kernel import kernel_parts, kernel_text
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
+from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
+from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
-from hhr_dolfinx.plugins.pages.records import Formula, Record, kernel_data
+from hhr_dolfinx.plugins.pages.records import Formula, Struct, kernel_data
 from hhr_dolfinx.warn import warn
 
 MOST_NUMBERS = 4_000_000
@@ -33,6 +34,7 @@ RECORDS = {
     "bodies": "body",
     "moduli": "modulus",
     "laws": "law",
+    "ranges": "range",
 }
 """Types of the records of a kernel, by their names."""
 
@@ -80,8 +82,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             "displacements if stiffness or shape varies, areas if shapes vary, and squares of stress and strain",
             ModelFileWarning,
         )
-    law = page_of(model.law, "a header") if model.law.plugin else None
-    text = kernel_text(kernel_parts(tree), law).replace("MODEL_TITLE", name)
+    text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace("MODEL_TITLE", name)
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
@@ -134,8 +135,8 @@ class _Data:
         return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *own])
 
     def _sizes(self) -> Iterable[str]:
-        flags = {"RUBS": "friction", "FLOWS": "flow", "FLOATS": "floating"}
-        sizes = self.kernel.sizes | {name: int(self.tree[key] is not None) for name, key in flags.items()}
+        parts = kernel_parts(self.tree)
+        sizes = self.kernel.sizes | {name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()}
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _names(self) -> Iterable[str]:
@@ -151,7 +152,7 @@ class _Data:
 
     def _declared(self, name: str, value: Any) -> str:
         """Declaration of an array, of a record or of several."""
-        if isinstance(value, Record):
+        if isinstance(value, Struct):
             return f"static const model_{value.kind} model_{name} = {self._record(value)};"
         if isinstance(value, list):
             nothing = "{0}" if name == "moduli" else "{.count = 0}"
@@ -168,7 +169,7 @@ class _Data:
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
         return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
 
-    def _record(self, record: Record) -> str:
+    def _record(self, record: Struct) -> str:
         """Initialiser of a record; its arrays and functions are declared separately."""
         fields = {key: self._field(key, value) for key, value in record.fields.items() if value is not None}
         return "{" + (", ".join(f".{key} = {text}" for key, text in fields.items()) or "0") + "}"
@@ -176,9 +177,9 @@ class _Data:
     def _field(self, key: str, value: Any) -> str:
         if isinstance(value, Formula):
             return self._function(value.steps)
-        if isinstance(value, Record) and key == "interpolant":
+        if isinstance(value, Struct) and key == "interpolant":
             return self._record(value)
-        if isinstance(value, Record):
+        if isinstance(value, Struct):
             text = self._record(value)
             return "&" + self._put(key, lambda name: f"static const model_{value.kind} {name} = {text};")
         if isinstance(value, list):

@@ -88,7 +88,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         generationTool=f"hhr_dolfinx {__version__}",
         description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
     )
-    path = tree["flow"] or tree["friction"]
+    path = tree["path"]
     ElementTree.SubElement(
         root,
         "CoSimulation",

@@ -473,7 +473,7 @@ static inline void model_remember(const model_slider *p, const model_slip *befor
     }
 }
 
-#if !MODEL_FLOWS
+#if !MODEL_FLOWS && !MODEL_RANGED
 #define MODEL_HALVED 6
 #define MODEL_FEWEST 4
 #define MODEL_CUTS 12

@@ -16,6 +16,7 @@ class _Page:
 
     key = "friction"
     header = _FOLDER / "friction.h"
+    range_header = _FOLDER / "friction_range.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
         tree: dict[str, Any] = {
@@ -24,7 +25,6 @@ class _Page:
         }
         tree["area"] = arrays.put("friction_area", law.area)
         tree["tangents"] = arrays.put("friction_tangents", law.tangents)
-        tree["fixed"] = law.fixed.tolist()
         tree["laws"] = [[steps_of(item.coefficient), steps_of(item.limit)] for item in law.laws]
         return tree
 

@@ -11,38 +11,70 @@ import importlib.util
 import subprocess
 import sys
 import tempfile
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
+from hhr_dolfinx.plugins.pages.laws import Laws
 
-PARTS = ("floating", "friction", "flow")
+PARTS = ("floating", "friction", "flow", "ranges")
 """Capabilities that a kernel has or has not; each is a key of the tree of a model."""
-
-
-class KernelOfLaw(Protocol):
-    """Sources of a law of interfaces."""
-
-    key: str  # part that the law is
-    header: Path  # its text in C
+FLAGS_OF_PARTS = {
+    "friction": "RUBS",
+    "flow": "FLOWS",
+    "floating": "FLOATS",
+    "ranges": "RANGED",
+    "memory": "REMEMBERS",
+}
+"""Flags of the parts; with ``memory`` a law of the ranges remembers."""
 
 
 def kernel_parts(tree: dict[str, Any]) -> list[str]:
     """Parts of the kernel that a model needs."""
-    return [part for part in PARTS if tree[part]]
+    found = [part for part in PARTS if tree[part]]
+    return [*found, "memory"] if tree["ranges"] and tree["ranges"]["remembers"] else found
 
 
-def kernel_text(parts: list[str], law: KernelOfLaw | None) -> str:
+def kernel_text(parts: list[str], laws: Laws) -> str:
     """Text of the kernel with some parts, without its data."""
-    texts = {part: kernel_file(f"{part}.h") for part in ("floating", "springs")}
+    texts = {part: kernel_file(f"{part}.h") for part in ("floating", "springs", "ranges")}
     texts["flow"] = kernel_file("programs.h") + kernel_file("flow.h")
-    if law is not None:
-        texts[law.key] = law.header.read_text("utf-8")
     text = kernel_file("kernel.h")
+    rubbing = ""
+    if laws.part is not None:
+        texts[laws.part.key] = laws.part.header.read_text("utf-8")
+        rubbing = laws.part.range_header.read_text("utf-8")
     for part in (*PARTS, "springs"):
         needed = ("floating" if part == "springs" else part) in parts
         text = text.replace(f"/*{part.upper()}*/", texts[part] if needed else "")
+    return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", rubbing)
+
+
+def _laws(laws: Laws) -> str:
+    """Functions of laws of ranges, and the calls of each by its number."""
+    own = "const model_own *own"
+    calls = {
+        "shift": ("double", own, "own", "0"),
+        "projection": ("double", f"{own}, double y, double c, double *slope", "own, y, c, slope", "(*slope = NAN)"),
+        "after": (
+            "void",
+            f"{own}, double force, double slack, int active, double *memory",
+            "own, force, slack, active, memory",
+            "",
+        ),
+    }
+    text = "\n".join(law.text for law in laws.ranges)
+    for name, (result, arguments, given, nothing) in calls.items():
+        words = ["law", *(argument.split()[-1].lstrip("*") for argument in arguments.split(","))]
+        text += f"\nstatic inline {result} model_law_{name}(int law, {arguments}) {{\n    "
+        text += ", ".join(f"(void){word}" for word in words) + ";\n"
+        for number, law in enumerate(laws.ranges, start=1):
+            if name == "projection" or law.memory:
+                call = f"model_{law.name}_{name}({given});"
+                text += f"    if (law == {number}) {'return ' if nothing else ''}{call}\n"
+        text += (f"    return {nothing};\n" if nothing else "") + "}\n"
     return text
 
 
@@ -70,14 +102,13 @@ FLAGS = (
 """Options of clang for a kernel of pages."""
 MARK = b"sources"
 """Name of the section of a kernel that has the digest of its sources."""
-_DEFINED = {"friction": "MODEL_RUBS", "flow": "MODEL_FLOWS", "floating": "MODEL_FLOATS"}
 
 
-def page_sources(parts: list[str], law: KernelOfLaw | None) -> dict[str, str]:
+def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
     """Sources of a kernel for pages by their names, of which ``page.c`` is compiled."""
     found = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
-    flags = "".join(f"#define {name} {int(part in parts)}\n" for part, name in _DEFINED.items())
-    found["kernel.h"] = kernel_text(parts, law).replace("/*DATA*/", kernel_file("sizes.h"))
+    flags = "".join(f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items())
+    found["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
     found["page.c"] = flags + kernel_file("page.c")
     return found
 
@@ -125,8 +156,18 @@ def _section(name: bytes, content: bytes) -> bytes:
     return bytes([0, 1 + len(name) + len(content), len(name)]) + name + content
 
 
-def kernel_path(parts: list[str], law: KernelOfLaw | None) -> Path:
-    """File of the compiled kernel with some parts: of this plug-in, or beside the header of the law."""
-    folder = Path(__file__).with_name("c") if law is None else law.header.parent
-    first = "contact" if law is None else law.key
+def kernel_path(parts: list[str], laws: Laws) -> Path:
+    """File of the compiled kernel with some parts: of this plug-in, or beside the header of a law."""
+    folder = Path(__file__).with_name("c") if laws.part is None else laws.part.header.parent
+    first = "contact" if laws.part is None else laws.part.key
     return folder / ("_".join([first, *(part for part in parts if part != first)]) + ".wasm")
+
+
+def kernel_of(parts: list[str], laws: Laws) -> bytes:
+    """The compiled kernel with some parts, which is compiled here for laws of users."""
+    return _compiled(tuple(parts), laws) if "ranges" in parts else kernel_path(parts, laws).read_bytes()
+
+
+@lru_cache(maxsize=8)
+def _compiled(parts: tuple[str, ...], laws: Laws) -> bytes:
+    return compiled(page_sources([*parts], laws))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.plugins.pages.kernel import kernel_file
-from hhr_dolfinx.plugins.pages.records import Formula, KernelData, Record
+from hhr_dolfinx.plugins.pages.records import Formula, KernelData, Struct
 
 _TYPEDEF = re.compile(r"typedef struct \{([^{}]*)\} model_(\w+);")
 _SCALARS = {"double": "d", "int": "i", "model_function": "i"}
@@ -50,7 +50,7 @@ def encoded(kernel: KernelData) -> dict[str, Any]:
     return {
         "layouts": {kind: list(fields.values()) for kind, fields in layouts().items()},
         "sizes": {name: sizes.get(name, 0) for name in layouts()["sizes"]},
-        "data": writer.record(Record("data", kernel.data)),
+        "data": writer.record(Struct("data", kernel.data)),
         "formulas": writer.formulas,
     }
 
@@ -59,7 +59,7 @@ class _Writer:
     def __init__(self) -> None:
         self.formulas: list[list[Any]] = []
 
-    def record(self, record: Record) -> list[Any]:
+    def record(self, record: Struct) -> list[Any]:
         """Values of the fields in their order."""
         return [self.value(record.fields.get(name), code) for name, code in layouts()[record.kind].items()]
 
@@ -70,13 +70,13 @@ class _Writer:
             if value.steps not in self.formulas:
                 self.formulas.append(value.steps)
             return self.formulas.index(value.steps) + 1
-        if isinstance(value, Record):
+        if isinstance(value, Struct):
             own = self.record(value)
             return own if code.startswith("r") else [own]
         if code.startswith("r"):
-            return self.record(Record(code[2:], {}))
+            return self.record(Struct(code[2:], {}))
         if isinstance(value, list):
-            return [self.record(item) if isinstance(item, Record) else self.value(item, "i") for item in value]
+            return [self.record(item) if isinstance(item, Struct) else self.value(item, "i") for item in value]
         if isinstance(value, np.ndarray):
             return value.tolist()
         return "Infinity" if value == np.inf else value

@@ -116,7 +116,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    needed = {"flow.js": flows(model), "steps.js": flows(model) or tree["friction"] is not None}
+    needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
     needed |= {"bound.js": tree["bound"] is not None}
     marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
@@ -130,7 +130,7 @@ def error_of(model: Any) -> dict[str, Any]:
         return {"kind": "history", "pressure": None, "forces": None, "points": 0}
     if model.fields.exact:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
-    if model.fields.bound is None or model.law.remembers:  # errors of increments are unknown
+    if model.fields.bound is None or model.law.plugin:  # it is that of unilateral contact
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
     found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}

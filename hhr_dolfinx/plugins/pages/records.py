@@ -10,7 +10,7 @@ import numpy as np
 
 Steps = list[Any]
 """Operations of a formula, see :func:`hhr_dolfinx.plugins.pages.packing.steps_of`."""
-Value = "int | float | str | np.ndarray | Formula | Record | list[Record] | list[Formula] | None"
+Value = "int | float | str | np.ndarray | Formula | Struct | list[Struct] | list[Formula] | None"
 """Value of a field: a string is the name of an array."""
 
 
@@ -22,8 +22,8 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Record:
-    """Record of the type ``model_KIND``; fields that are missing are zero."""
+class Struct:
+    """Struct of the type ``model_KIND``; fields that are missing are zero."""
 
     kind: str
     fields: Mapping[str, Any]
@@ -57,7 +57,6 @@ class _Reader:
         tree = self.tree
         groups = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         places = np.unique(groups, return_inverse=True)[1]
-        paths = tree["flow"] or tree["friction"]  # the fixed parameters of flow are those of friction too
         data: dict[str, Any] = {
             "lower": np.array(ends[0], dtype=float),
             "upper": np.array(ends[1], dtype=float),
@@ -70,10 +69,10 @@ class _Reader:
             "limits": [self._limit(item) for item in tree["limits"]],
             "parts": [self._component(item) for item in tree["parts"]],
             "outputs": [self._output(item) for item in tree["outputs"]],
-            "reshaped": self._interpolant(tree["reshaped"]) if tree.get("reshaped") else Record("interpolant", {}),
+            "reshaped": self._interpolant(tree["reshaped"]) if tree.get("reshaped") else Struct("interpolant", {}),
         }
-        data |= self._path(paths["fixed"]) if paths else {}
-        for key, read in (("flow", self._flow), ("friction", self._friction), ("floating", self._floating)):
+        own = {"path": self._path, "flow": self._flow, "friction": self._friction, "floating": self._floating}
+        for key, read in (own | {"ranges": self._ranges}).items():
             data |= read(tree[key]) if tree[key] else {}
         return KernelData(self._sizes(places), data)
 
@@ -84,10 +83,25 @@ class _Reader:
         name: str = (tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]
         return name
 
-    def _path(self, fixed: list[int]) -> dict[str, Any]:
+    def _path(self, item: dict[str, Any]) -> dict[str, Any]:
         """Parameters that are fixed along a path, and the box of its start."""
         ends = {f"box_{name}": np.array(self.tree[name]) for name in ("lower", "upper")}
-        return {"fixed": np.array(fixed, dtype=int)} | ends
+        return {"fixed": np.array(item["fixed"], dtype=int)} | ends
+
+    def _ranges(self, item: dict[str, Any]) -> dict[str, Any]:
+        """Laws of plug-ins, each on its conditions."""
+        found = []
+        formulas = first = 0
+        for part in item["items"]:
+            rows = self.arrays[part["rows"]]
+            width = self.arrays[part["numbers"]].shape[1]
+            fields = {key: part[key] for key in ("rows", "numbers", "law", "memory", "remembers")}
+            fields |= {"formulas": [Formula(steps) for steps in part["formulas"]] or None, "first_formula": formulas}
+            fields |= {"count": rows.size, "width": width, "formulas_count": len(part["formulas"]), "first": first}
+            found.append(Struct("range", fields))
+            formulas += len(part["formulas"])
+            first += rows.size * part["memory"]
+        return {"ranges": found}
 
     def _flow(self, item: dict[str, Any]) -> dict[str, Any]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
@@ -95,24 +109,24 @@ class _Reader:
         return {name: item[key] for name, key in names.items()} | {
             "middle": np.array(item["middle"], dtype=float),
             "bodies": [self._body(group) for group in item["groups"]],
-            "moduli": [Record("modulus", {"value": Formula(steps)}) for steps in item["moduli"]],
+            "moduli": [Struct("modulus", {"value": Formula(steps)}) for steps in item["moduli"]],
         }
 
-    def _body(self, group: dict[str, Any]) -> Record:
+    def _body(self, group: dict[str, Any]) -> Struct:
         fields: dict[str, Any] = {key: group[key] for key in ("elastic", "compliance", "points", "grading")}
         fields |= {"constants": [Formula(steps) for steps in group["constants"]]}
         fields |= {"constants_count": len(group["constants"])}
         fields["law"] = None if group["law"] is None else self._program(group["law"])
         if places := group["places"]:
             fields |= {"places": places, "coordinates": self.arrays[places].shape[1]}
-        return Record("body", fields)
+        return Struct("body", fields)
 
-    def _program(self, law: dict[str, Any]) -> Record:
+    def _program(self, law: dict[str, Any]) -> Struct:
         arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
         fields: dict[str, Any] = {key: law[key] for key in arrays}
         fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
         fields |= {"numbers_count": self.arrays[law["numbers"]].size, "limited": int(law["limited"])}
-        return Record("program", fields)
+        return Struct("program", fields)
 
     def _friction(self, item: dict[str, Any]) -> dict[str, Any]:
         # index of the first tangential row of each contact, and the end of the last
@@ -122,7 +136,7 @@ class _Reader:
         return {name: item[key] for name, key in rows.items()} | {
             "along": along,
             "area": item["area"],
-            "laws": [Record("law", fields) for fields in laws],
+            "laws": [Struct("law", fields) for fields in laws],
         }
 
     def _floating(self, item: dict[str, Any]) -> dict[str, Any]:
@@ -165,8 +179,13 @@ class _Reader:
             sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
         if tree["flow"]:
             sizes |= self._sizes_of_flow(tree["flow"])
-        if paths := tree["flow"] or friction:
-            sizes["FIXED_COUNT"] = len(paths["fixed"])
+        if tree["path"]:
+            sizes["FIXED_COUNT"] = len(tree["path"]["fixed"])
+        if ranges := tree["ranges"]:
+            sizes |= {"RANGES": len(ranges["items"]), "RATED": int(ranges["remembers"])}
+            sizes["FORMULAS"] = sum(len(part["formulas"]) for part in ranges["items"])
+            counts = (self.arrays[part["rows"]].size * part["memory"] for part in ranges["items"])
+            sizes["REMEMBERED"] = sum(counts)
         return sizes
 
     def _sizes_of_flow(self, flow: dict[str, Any]) -> dict[str, int]:
@@ -187,36 +206,36 @@ class _Reader:
             "CONSTANTS": max(len(group["constants"]) for group in flow["groups"]),
         }
 
-    def _limit(self, item: dict[str, Any]) -> Record:
+    def _limit(self, item: dict[str, Any]) -> Struct:
         high = np.inf if item["high"] is None else item["high"]
-        return Record("limit", {"value": Formula(item["steps"]), "low": item["low"], "high": high})
+        return Struct("limit", {"value": Formula(item["steps"]), "low": item["low"], "high": high})
 
-    def _amplitude(self, item: dict[str, Any]) -> Record:
+    def _amplitude(self, item: dict[str, Any]) -> Struct:
         if item["kind"] == "formula":
-            return Record("amplitude", {"value": Formula(item["steps"])})
+            return Struct("amplitude", {"value": Formula(item["steps"])})
         fields = {key: item[key] for key in ("positions", "constant", "degree", "extent")}
         fields |= {"slopes": np.array(item["slopes"], dtype=float), "count": self.arrays[item["positions"]].size}
-        return Record("amplitude", fields)
+        return Struct("amplitude", fields)
 
-    def _interpolant(self, item: dict[str, Any]) -> Record:
+    def _interpolant(self, item: dict[str, Any]) -> Struct:
         rank, grid = self.arrays[item["weights"]].shape
         own: dict[str, Any] = {key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")}
         own |= {"axes": np.array(item["axes"], dtype=int)} | {key: item[key] for key in ("levels", "weights", "modes")}
         own |= {"axes_count": len(item["axes"]), "nodes_count": len(item["nodes"]), "grid": grid, "rank": rank}
-        return Record("interpolant", own)
+        return Struct("interpolant", own)
 
-    def _component(self, item: dict[str, Any]) -> Record:
+    def _component(self, item: dict[str, Any]) -> Struct:
         fields = {key: item[key] for key in ("conditions", "terms", "columns", "forced")}
         count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
         fields |= {"interpolant": self._interpolant(item), "factor": Formula(item["factor"])}
-        return Record("part", fields | {"count": count, "terms_count": terms})
+        return Struct("part", fields | {"count": count, "terms_count": terms})
 
-    def _output(self, item: dict[str, Any]) -> Record:
+    def _output(self, item: dict[str, Any]) -> Struct:
         if item["kind"] == "linear":
             names = {key: item[key] for key in ("forces", "terms", "motions") if key in item}
-            return Record("output", names | item.get("moved", {}))
+            return Struct("output", names | item.get("moved", {}))
         own = {"conditions": item["conditions"], "areas": item["areas"]}
         own |= {"count": self.arrays[item["conditions"]].size}
         if item["kind"] == "largest":
-            return Record("output", own | {"largest": 1})
-        return Record("output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")})
+            return Struct("output", own | {"largest": 1})
+        return Struct("output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")})

@@ -7,16 +7,19 @@
 
   class Steps {
     constructor(model) {
-      const { flow, friction } = model.tree, { sizes } = model.kernel.own;
-      Object.assign(this, { model, fixed: (flow ?? friction).fixed, flows: !!flow, rated: !!sizes.rated, seconds: 1 }); // of a move
+      const { flow, path } = model.tree, { sizes } = model.kernel.own;
+      Object.assign(this, { model, fixed: path.fixed, flows: !!flow, rated: !!sizes.rated, seconds: 1 }); // of a move
       this.rows = this.rowsOf(sizes);
     }
 
     /* Rows of a state in the order of their addresses: doubles, then bytes. */
-    rowsOf({ parameters, conditions, modes, memory, points, motions, tangents, contacts }) {
-      const { flow, friction } = this.model.tree;
+    rowsOf({ parameters, conditions, modes, memory, points, motions, tangents, contacts, remembered }) {
+      const { flow, friction, ranges } = this.model.tree;
       const slip = friction ? [["position", tangents], ["path", contacts], ["work", contacts], ["wear", contacts], ["pressure", contacts],
         ["bound", contacts], ["gap", contacts]] : [], statuses = friction ? [["statuses", contacts, true]] : [];
+      if (ranges) {
+        return [["point", parameters], ["forces", conditions], ["motions", motions], ["energy", 1], ["time", 1], ["memory", remembered], ...slip, ...statuses];
+      }
       if (!flow) return [["point", parameters], ["forces", conditions], ["energy", 1], ["motions", motions], ...slip, ...statuses];
       return [["point", parameters], ["correction", modes], ["forces", conditions], ["memory", memory * points], ["largest", 1], ...slip,
         ["active", conditions, true], ["elastic", conditions, true], ["loaded", 1, true], ...statuses];
@@ -44,6 +47,7 @@
       }
       kernel.calls.tell();
       Object.assign(found, { point: [...found.point], theta: kernel.theta(), outputs: kernel.outputs(), motions: found.motions && [...found.motions] });
+      if (found.time) [found.time] = found.time;
       if (!this.flows) return found;
       const points = arrays[tree.flow.parts].length, size = arrays[tree.flow.per_mode].shape[1];
       return Object.assign(found, { plastic: found.memory.subarray(0, size), cumulated: found.memory.subarray(size, size + points),
@@ -54,7 +58,7 @@
     rest(point) {
       const { kernel } = this.model;
       kernel.calls.rest(kernel.point(point));
-      return { ...this.told(), time: this.flows ? 0 : undefined };
+      return { ...this.told(), ...(this.flows ? { time: 0 } : {}) };
     }
 
     /* An increment of some seconds, in halves if necessary; null if it does not converge. */
@@ -62,7 +66,7 @@
       const { kernel } = this.model;
       this.put(before.block);
       if (!kernel.calls.go(kernel.point(point), dt)) return null;
-      return { ...this.told(), time: this.flows ? before.time + dt : undefined, converged: true };
+      return { ...this.told(), ...(this.flows ? { time: before.time + dt } : {}), converged: true };
     }
 
     /* States of proportional loading from rest, at the point of the box nearest to zero: rest, then its increments. Those with
@@ -72,7 +76,7 @@
       const rest = this.rest(point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k])))), kept = [];
       if (this.flows) return [rest, ...this.went(rest, point)];
       kernel.reached = (at) => kept.push(this.copied(at));
-      kernel.calls.begin(kernel.point(point));
+      kernel.calls.begin(kernel.point(point), this.seconds);
       return [rest, ...kept.map((block) => { this.put(block); return { ...this.told(block), converged: true }; })];
     }
 

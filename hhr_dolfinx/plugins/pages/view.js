@@ -10,7 +10,7 @@
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
   const units = words.units ?? {}, labels = tree.names.map((name) => name + unit(Object.hasOwn(units, name) ? units[name] : ""));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
-  const flowing = tree.flow ? new hhr.Flow(model) : null, marching = tree.flow || tree.friction ? new hhr.Steps(model) : null;
+  const flowing = tree.flow ? new hhr.Flow(model) : null, marching = tree.path ? new hhr.Steps(model) : null;
   const sliding = tree.friction && Object.fromEntries(["normal", "tangential", "owner", "tangents"].map((name) => [name, arrays[tree.friction[name]]]));
   const bound = tree.bound ? new hhr.Bound(model) : null;
   const past = new ways.Past(marching ? Infinity : 500); // a path without its beginning is another path
@@ -334,7 +334,7 @@
     if (drawn.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
     ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
       moved: (next) => { point = next; at("wrong").textContent = ""; changed(); } });
-    at("memory").textContent = marching ? `What has ${[sliding && "slipped", flowing && "flowed"].filter(Boolean).join(" and ")} is remembered: each move goes on from where the path is${flowing ? ", in increments of a fortieth of the box" : ""}. An address, and laws that change, begin anew, loaded in proportion.` : "";
+    at("memory").textContent = marching ? `What has ${[sliding && "slipped", flowing && "flowed", !sliding && !flowing && "changed in contacts"].filter(Boolean).join(" and ")} is remembered: each move goes on from where the path is${flowing ? ", in increments of a fortieth of the box" : ""}. An address, and laws that change, begin anew, loaded in proportion.` : "";
     if (!marching) return;
     for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
     at("over").append(element("option", "increments", { value: "" }));

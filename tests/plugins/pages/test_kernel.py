@@ -8,6 +8,7 @@ import pytest
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import MissingPackageError
 from hhr_dolfinx.plugins.pages.kernel import MARK, compiled, digest_of, kernel_path, page_sources
+from hhr_dolfinx.plugins.pages.laws import Laws
 from hhr_dolfinx.plugins.pages.layout import layouts
 
 ZIG = importlib.util.find_spec("ziglang") is not None
@@ -19,7 +20,7 @@ def sources(name, part):
     """Sources of a kernel and its file."""
     law = None if name is None else registry.facet(name, "page", "a test")
     parts = [*part, *([] if law is None else [law.key])]
-    return page_sources(parts, law), kernel_path(parts, law)
+    return page_sources(parts, Laws(law, ())), kernel_path(parts, Laws(law, ()))
 
 
 @pytest.mark.parametrize(("law", "part"), KERNELS)

@@ -93,7 +93,16 @@ typedef struct {
     int points, constants_count, coordinates;
 } model_body;
 
+typedef struct { /* a law on some conditions: its number, 0 for unilateral contact and -1 for friction */
+    const int *rows;
+    const double *numbers;          /* of each row, (count, width) */
+    const model_function *formulas; /* of the parameters */
+    int law, count, width, formulas_count, first_formula;
+    int memory, first, remembers; /* numbers for each row, and the first of them */
+} model_range;
+
 /*DATA*/
+#define MODEL_PATHS (MODEL_RUBS || MODEL_FLOWS || MODEL_REMEMBERS)
 
 /* CHANGED: a modulus or a law, within a path */
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
@@ -131,11 +140,20 @@ typedef struct {
     int *index, *pivots;
     unsigned char *active, *seen;
     int started;
+#if MODEL_RANGED
+    struct model_together *together;
+#endif
     const double *correction, *gives; /* of inelastic bodies */
 } model_work;
 
+#if MODEL_RANGED
+static inline void model_together_free(struct model_together *t);
+#endif
 static inline void model_free(model_work *w) {
     if (!w) return;
+#if MODEL_RANGED
+    model_together_free(w->together);
+#endif
     free(w->block), free(w->index), free(w->pivots), free(w->active), free(w->seen), free(w);
 }
 
@@ -369,7 +387,7 @@ static inline void model_read(const model_work *w, double *outputs) {
     }
 }
 
-#if MODEL_RUBS || MODEL_FLOWS
+#if MODEL_PATHS
 /* 1 if the fixed parameters of a path are inside the box at a point. */
 static inline int model_stays(const double *point) {
     for (int k = 0; k < MODEL_FIXED_COUNT; k++)
@@ -397,7 +415,10 @@ static inline void model_between(const double *from, const double *to, double sh
 /*FLOATING*/
 #if MODEL_RUBS
 /*FRICTION*/
-#else
+#endif
+#if MODEL_RANGED
+/*RANGES*/
+#elif !MODEL_RUBS
 /* Forces and slack for given statuses; 0 if their set is singular. */
 static inline int model_equalities(model_work *w) {
 #if MODEL_FLOATS
@@ -477,8 +498,10 @@ static inline int model_settled(model_work *w) {
 
 #if MODEL_FLOWS
 /*FLOW*/
-#elif !MODEL_RUBS
+#elif !MODEL_PATHS
+#if !MODEL_RANGED
 /*SPRINGS*/
+#endif
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
    Initial statuses are those of the previous answer. */
 static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
@@ -488,9 +511,13 @@ static inline int model_solve(model_work *w, const double *point, double *forces
         w->started = 0;
         return MODEL_NO_ANSWER;
     }
+#if !MODEL_RANGED
     if (!w->started)
         for (int i = 0; i < MODEL_CONDITIONS; i++) w->active[i] = w->slack[i] < 0;
-#if MODEL_FLOATS
+#endif
+#if MODEL_RANGED
+    w->started = model_answered_together(w, point);
+#elif MODEL_FLOATS
     w->started = model_held(w);
 #else
     w->started = model_settled(w);
@@ -502,12 +529,13 @@ static inline int model_solve(model_work *w, const double *point, double *forces
 }
 
 /* Derivatives of the outputs along the parameters, (MODEL_OUTPUTS, MODEL_PARAMETERS), by central differences on the
-   statuses of the last answer, which was at this point; if a status is about to change they are one-sided. */
+   statuses of the last answer, which was at this point; if a status is about to change they are one-sided. Those with laws of
+   plug-ins are differences of answers. */
 static inline int model_derivatives(model_work *w, const double *point, double *slopes) {
     double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
     if (!w->started) return MODEL_NO_ANSWER;
     memcpy(there, point, sizeof there);
-#if MODEL_FLOATS
+#if MODEL_FLOATS && !MODEL_RANGED
     double motions[MODEL_MOTIONS];
     memcpy(motions, w->motions, sizeof motions);
 #endif
@@ -517,7 +545,9 @@ static inline int model_derivatives(model_work *w, const double *point, double *
         for (int end = 0; end < 2; end++) {
             there[k] = end ? high : low;
             if (!model_set_contact(w, there)) return MODEL_NO_ANSWER;
-#if MODEL_FLOATS
+#if MODEL_RANGED
+            if (!model_answered_together(w, there)) return MODEL_NO_ANSWER;
+#elif MODEL_FLOATS
             if (!model_near(w, motions)) return MODEL_NO_ANSWER;
 #else
             if (!model_equalities(w)) return MODEL_NO_ANSWER;
@@ -532,7 +562,7 @@ static inline int model_derivatives(model_work *w, const double *point, double *
 }
 #endif
 
-#if MODEL_RUBS || MODEL_FLOWS
+#if MODEL_PATHS
 /* An increment from the current state to a point, with the moduli and laws of the beginning. Without convergence the state
    does not change. */
 static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {

@@ -16,7 +16,7 @@ EXPORT(data) model_data *data(void) { return &model_all; }
 EXPORT(room) void *room(size_t bytes) { return malloc(bytes); }
 EXPORT(outputs) double *outputs_of(void) { return outputs; }
 
-#if MODEL_RUBS || MODEL_FLOWS
+#if MODEL_PATHS
 static model_path *path;
 #define WORK path->room
 
@@ -37,7 +37,9 @@ EXPORT(rest) int rest(const double *point) {
 #if !MODEL_FLOWS
     if (!model_set_contact(WORK, point)) return 0;
     WORK->started = 1;
+#if MODEL_RUBS
     for (int k = 0; k < MODEL_CONTACTS; k++) path->state->slip.gap[k] = WORK->slack[model_normal[k]];
+#endif
 #endif
     return 1;
 }
@@ -45,7 +47,7 @@ EXPORT(rest) int rest(const double *point) {
 /* An increment of the current state to a point; 0 if it does not converge. */
 EXPORT(go) int go(const double *point, double seconds) {
     model_state *next = &path->pool[MODEL_LAST];
-#if MODEL_FLOWS
+#if MODEL_FLOWS || MODEL_RANGED
     path->seconds = seconds;
 #else
     (void)seconds;
@@ -74,7 +76,14 @@ EXPORT(small) int small(void) { return model_small(path); }
 EXPORT(operation) double operation(int code, double a, double b, double c) { return model_operation(code, a, b, c); }
 #else
 /* Proportional loading to a point from rest; its states are handed over. */
-EXPORT(begin) int begin(const double *point) { return model_begin(path, point, NULL, NULL) == MODEL_DONE; }
+EXPORT(begin) int begin(const double *point, double seconds) {
+#if MODEL_RANGED
+    path->seconds = seconds;
+#else
+    (void)seconds;
+#endif
+    return model_begin(path, point, NULL, NULL) == MODEL_DONE;
+}
 #endif
 #else
 static model_work *work;
@@ -86,17 +95,21 @@ EXPORT(ready) int ready(void) {
 }
 
 EXPORT(active) unsigned char *active(void) { return work->active; }
-EXPORT(left) double *left(void) { return work->left; }
 
 /* The answer at a point, from the statuses that are active, or from those of the free slack; 0 without one. */
 EXPORT(solve) int solve(const double *point, int known) {
     if (!model_set_contact(work, point)) return work->started = 0;
+#if MODEL_RANGED
+    (void)known;
+    work->started = model_answered_together(work, point);
+#else
     if (!known)
         for (int i = 0; i < MODEL_CONDITIONS; i++) work->active[i] = work->slack[i] < 0;
 #if MODEL_FLOATS
     work->started = model_held(work);
 #else
     work->started = model_settled(work);
+#endif
 #endif
     if (work->started) model_read(work, outputs);
     return work->started;
@@ -105,7 +118,10 @@ EXPORT(solve) int solve(const double *point, int known) {
 /* Outputs at a point for the active statuses; 0 if they are not determined. */
 EXPORT(again) int again(const double *point, const double *motions) {
     if (!model_set_contact(work, point)) return 0;
-#if MODEL_FLOATS
+#if MODEL_RANGED
+    (void)motions;
+    if (!model_answered_together(work, point)) return 0;
+#elif MODEL_FLOATS
     double last[MODEL_MOTIONS];
     memcpy(last, motions, sizeof last);
     if (!model_near(work, last)) return 0;

@@ -3,6 +3,7 @@ typedef struct {
     int parameters, conditions, outputs, terms, affine, others, limits, parts, groups, constant, longest, nodes, motions;
     int contacts, tangents, twice, fixed_count;
     int modes, points, components, bodies, shares, moduli, rated, memory, unknowns, registers, constants;
+    int ranges, formulas, remembered;
     double softness;
 } model_sizes;
 typedef struct {
@@ -21,6 +22,7 @@ typedef struct {
     const int *share_of, *mode_share;
     const model_body *bodies;
     const model_modulus *moduli;
+    const model_range *ranges;
 } model_data;
 static model_sizes model_counts;
 static model_data model_all;
@@ -57,6 +59,9 @@ static model_data model_all;
 #define MODEL_UNKNOWNS model_counts.unknowns
 #define MODEL_REGISTERS model_counts.registers
 #define MODEL_CONSTANTS model_counts.constants
+#define MODEL_RANGES model_counts.ranges
+#define MODEL_FORMULAS model_counts.formulas
+#define MODEL_REMEMBERED model_counts.remembered
 #define MODEL_SOFTNESS model_counts.softness
 
 #define model_lower model_all.lower
@@ -101,3 +106,4 @@ static model_data model_all;
 #define model_mode_share model_all.mode_share
 #define model_bodies model_all.bodies
 #define model_moduli model_all.moduli
+#define model_ranges model_all.ranges
