@@ -12,7 +12,7 @@ _FOLDER = Path(__file__).parent
 
 
 class _Page:
-    """See :class:`hhr_dolfinx.plugins.pages.arrays.LawOnPage`."""
+    """See :class:`hhr_dolfinx.plugins.pages.laws.LawOnPage`."""
 
     key = "friction"
     header = _FOLDER / "friction.h"

@@ -80,7 +80,7 @@ def flows(model: object) -> bool:
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
-def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.

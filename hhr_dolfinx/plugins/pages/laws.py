@@ -28,7 +28,7 @@ class LawOnPage(Protocol):
 
 
 class LawInC(Protocol):
-    """Facet ``kernel`` of a law of independent rows, see ``docs/extending.md``."""
+    """Facet ``kernel`` of a law of independent rows, see ``docs/plug_ins.md``."""
 
     name: str  # its functions are model_NAME_projection, and with a memory model_NAME_shift and model_NAME_after
     text: str  # C of these functions

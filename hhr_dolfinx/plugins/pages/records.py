@@ -10,8 +10,6 @@ import numpy as np
 
 Steps = list[Any]
 """Operations of a formula, see :func:`hhr_dolfinx.plugins.pages.packing.steps_of`."""
-Value = "int | float | str | np.ndarray | Formula | Struct | list[Struct] | list[Formula] | None"
-"""Value of a field: a string is the name of an array."""
 
 
 @dataclass(frozen=True)

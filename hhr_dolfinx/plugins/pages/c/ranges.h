@@ -1,7 +1,7 @@
 
 /* Laws of plug-ins on ranges of the conditions, slack = free slack + S x - G q, solved together by a semi-smooth Newton
    method, as in contact/ranges.py: projections of x - c s precede it where it does not converge, or weak springs hold bodies
-   that contact alone holds. A law brings three functions of one of its rows, see docs/extending.md. */
+   that contact alone holds. A law brings three functions of one of its rows, see docs/plug_ins.md. */
 #define MODEL_EPSILON 4e-16
 #define MODEL_ATTEMPTS 3
 #define MODEL_ITERATED 40
