@@ -28,8 +28,8 @@ for (const script of scripts) require(script);
 const own = page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1];
 const data = JSON.parse(own);
 hhr.Model.of(data.tree, hhr.decoded(data.arrays)).then((model) => {
-  const found = [], { flow, friction } = data.tree;
-  const steps = flow || friction ? new hhr.Steps(model) : null;
+  const found = [];
+  const steps = data.tree.path ? new hhr.Steps(model) : null;
   let state = steps && steps.rest(path[0]);
   for (const point of path.slice(1)) {
     state = steps ? steps.reached(state, point) : model.solve(point);
