@@ -12,7 +12,8 @@ from sheared import SECOND
 from stacked import PATH, stacked, with_plugins
 from test_embedded import DONE, Instance, at, built, compiled
 from test_kernel import ZIG
-from test_pages import ENDED, LOADED, MODEL, TOUR, data_of, in_node, in_space, node
+from test_page_shown import THERE, rows_of, said, shown
+from test_pages import CHROMIUM, ENDED, LOADED, MODEL, TOUR, data_of, dumped, in_node, in_space, node
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.interface import ranged
@@ -24,7 +25,7 @@ from hhr_dolfinx.plugins.pages import page
 from hhr_dolfinx.plugins.pages.kernel import page_sources
 from hhr_dolfinx.plugins.pages.laws import Laws, check_law
 
-WORN, LOADED_TO = 0.05, (0.03, 0.02)
+WORN = 0.05
 SOFT, SOLID = Gasket("2.0 + push", 50.0), Gasket(2.0, 50.0)  # constants of friction's scenes do not change on a path
 CASES = {
     "wear alone": lambda: stacked(Wear(WORN)),
@@ -254,6 +255,33 @@ def test_laws_without_c_are_refused(monkeypatch):
     registry.facet.cache_clear()
     with pytest.raises(NotOfferedError, match=r"contacts with a gasket is not built in .* no facet 'kernel'"):
         hhr.write_model_page("never.html", model, scenery)
+
+
+@with_zig
+@pytest.mark.skipif(not THERE, reason="node or its package jsdom is not there")
+def test_a_page_of_wear_holds_its_loads():
+    """For the seconds that are given, along which forces fall; what a page copies is a path of Python."""
+    model, scenery = made("wear alone")
+    acts = (("set", "seconds", "4"), ("click", "hold"), ("click", "keep"))
+    first, _, held, copied = shown(page.page_text(model, scenery), "push=0.03&slide=0.01", *acts)
+    assert "pace" not in first["hidden"] and "What has changed in contacts is remembered" in first["texts"]["memory"]
+    lines = [list(map(float, line.split("\t"))) for line in copied["copied"].splitlines()[1:]]
+    path = [(time, np.array(point)) for time, *point in lines]
+    assert path[-2][0] == pytest.approx(1.0) and path[-1][0] == pytest.approx(5.0)
+    answers = model.march(path).answers
+    for view, answer in ((first, answers[-2]), (held, answers[-1])):
+        assert float(rows_of(view)["force 0"]) == said(answer.outputs()["force 0"])
+    assert abs(float(rows_of(held)["force 0"])) < 0.99 * abs(float(rows_of(first)["force 0"]))
+
+
+@with_zig
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
+def test_a_browser_shows_the_answer_with_a_gasket(tmp_path):
+    model, scenery = made("gasket alone")
+    target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    found = dumped(target, "push=0.03&slide=0.01", tmp_path)
+    total = said(model.solve((0.03, 0.01)).outputs()["force 0"])
+    assert 'data-converged="true"' in found and f"<td>force 0</td><td>{total:.12g}</td>" in found
 
 
 def test_functions_of_a_law_are_called_by_its_number():
