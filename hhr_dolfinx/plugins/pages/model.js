@@ -35,16 +35,22 @@ const hhr = (() => {
     return NaN;
   }
 
-  function formula(steps, point) {
+  function functionOf(steps) {
     const stack = [];
     for (const step of steps) {
-      if (typeof step === "number") stack.push(step);
-      else if (step in ONE) stack.push(ONE[step](stack.pop()));
-      else if (step in TWO) { const b = stack.pop(); stack.push(TWO[step](stack.pop(), b)); }
-      else if (step[0] === "p") stack.push(point[step[1]]);
-      else stack.push(table(stack.splice(stack.length - step[1])));
+      if (typeof step === "number") stack.push(() => step);
+      else if (step in ONE) { const f = ONE[step], a = stack.pop(); stack.push((p) => f(a(p))); }
+      else if (step in TWO) { const f = TWO[step], b = stack.pop(), a = stack.pop(); stack.push((p) => f(a(p), b(p))); }
+      else if (step[0] === "p") { const k = step[1]; stack.push((p) => p[k]); }
+      else { const all = stack.splice(stack.length - step[1]); stack.push((p) => table(all.map((f) => f(p)))); }
     }
     return stack[0];
+  }
+
+  const functions = new WeakMap();
+  function formula(steps, point) {
+    if (!functions.has(steps)) functions.set(steps, functionOf(steps));
+    return functions.get(steps)(point);
   }
 
   function dot(one, other) {
