@@ -22,21 +22,21 @@ LIMIT = 100
 STEPS = hhr.MarchSettings(relative_force=1e-11, iterations=200, outside="ignore")
 """Settings of histories of inelastic bodies whose steps are those of pages and headers."""
 PROGRAM = """
-const fs = require("fs"), hhr = global.hhr = require(process.argv[1]);
+const fs = require("fs"), hhr = require(process.argv[1]);
 const { page, path, scripts } = JSON.parse(fs.readFileSync(0, "utf8"));
 for (const script of scripts) require(script);
 const own = page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1];
 const data = JSON.parse(own);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), found = [];
-if (data.tree.floating) new hhr.Floating(model);
-const { flow, friction } = data.tree;
-const steps = flow ? new hhr.Flowing(model) : friction ? new hhr.Sliding(model) : null;
-let state = steps && steps.rest(path[0]);
-for (const point of path.slice(1)) {
-  state = steps ? steps.reached(state, point) : model.solve(point);
-  found.push([...state.forces]);
-}
-console.log(JSON.stringify(found));
+hhr.Model.of(data.tree, hhr.decoded(data.arrays)).then((model) => {
+  const found = [];
+  const steps = data.tree.path ? new hhr.Steps(model) : null;
+  let state = steps && steps.rest(path[0]);
+  for (const point of path.slice(1)) {
+    state = steps ? steps.reached(state, point) : model.solve(point);
+    found.push([...state.forces]);
+  }
+  console.log(JSON.stringify(found));
+});
 """
 """Program of node that answers along a path by the scripts and the data of a page."""
 POINTS = """
@@ -109,13 +109,10 @@ def page(model: Any, full: Any, path: list, remembers: bool) -> tuple[Forces, Fo
         written = hhr.write_model_page(Path(folder) / "model.html", model, scenery_of(full))
         text = written.read_text(encoding="utf-8")
     here = Path(pages.__file__).parent
-    scripts = [here / name for name in ("floating.js", "bound.js")]
-    scripts += [one for one in [here.parent / "friction" / "friction.js"] if one.exists()]
-    scripts.append(here / "flow.js")
     given = {
         "page": text,
         "path": [np.asarray(point).tolist() for _, point in path],
-        "scripts": [str(one) for one in scripts],
+        "scripts": [str(here / "steps.js")],
     }
     words = [program("node"), "-e", PROGRAM, str(here / "model.js")]
     found = json.loads(run(words, input=json.dumps(given)))

@@ -99,7 +99,7 @@ class Gasket(PairLaw):
 
 
 class GasketRange(RangeSolver):
-    """Facet ``range``, the only one: models solve by it, and all other readers of laws refuse it."""
+    """Facet ``range``, by which models solve."""
 
     def at_rest(self):
         """Nothing is closed."""
@@ -134,11 +134,40 @@ class GasketStep(CurveStep):
         return Memory(closure=np.maximum(-slack, 0.0))
 
 
+class GasketKernel:
+    """Facet ``kernel``: the same in C, for pages, C headers and units for co-simulation."""
+
+    name = "my_gasket"
+    memory = 0
+    # TODO: the curve of your law in C; numbers are those of the row, values those of all formulas
+    text = """
+static double model_my_gasket_curve(const model_own *own, double closure, double *slope) {
+    const double area = own->numbers[0], *constants = own->values + (int)own->numbers[1];
+    const double linear = area * constants[0], cubic = area * constants[1];
+    *slope = linear + 3 * cubic * closure * closure;
+    return linear * closure + cubic * closure * closure * closure;
+}
+
+static inline double model_my_gasket_projection(const model_own *own, double y, double c, double *slope) {
+    return model_resolvent(own, model_my_gasket_curve, y, c, slope);
+}
+"""
+
+    def numbers(self, law):
+        """Area of each row, and the place of its first constant, (k, 2)."""
+        return np.column_stack([law.area, 2 * law.law])
+
+    def formulas(self, law):
+        """Both constants of each pair, in turn."""
+        return [scalar for one in law.laws for scalar in one]
+
+
+KERNEL = GasketKernel()
 PLUGIN = Plugin(
     name="my_gasket",
     needs=("contact_laws",),
     public={"my_gasket": "Gasket"},
     classes={"my_gasket": "Gaskets"},
     memory=("closure",),
-    facets={"range": "my_gasket:GasketRange"},
+    facets={"range": "my_gasket:GasketRange", "kernel": "my_gasket:KERNEL"},
 )

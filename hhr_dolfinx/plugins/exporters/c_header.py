@@ -1,13 +1,12 @@
 """A condensed model as one C header: its arrays, and code that solves the contact problem (C99, libm only).
 
-The arrays are those of a page, see :mod:`hhr_dolfinx.plugins.pages.arrays`; ``kernel.h`` has the code.
+The data are those of a page, see :mod:`hhr_dolfinx.plugins.pages.records`; ``pages/c/kernel.h`` has the code.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from importlib import resources
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,11 @@ import numpy as np
 
 from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, page_of
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
+from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
+from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.plugins.pages.records import Formula, Struct, kernel_data
 from hhr_dolfinx.warn import warn
 
 MOST_NUMBERS = 4_000_000
@@ -24,6 +26,17 @@ MOST_NUMBERS = 4_000_000
 _SIGNS = ("+", "-", "*", "/")
 _CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
 """Operations with another name in C."""
+RECORDS = {
+    "others": "amplitude",
+    "limits": "limit",
+    "parts": "part",
+    "outputs": "output",
+    "bodies": "body",
+    "moduli": "modulus",
+    "laws": "law",
+    "ranges": "range",
+}
+"""Types of the records of a kernel, by their names."""
 
 
 def write_c_header(path: str | Path, model: object) -> Path:
@@ -70,12 +83,8 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             "heated bodies, of those with laws and of those that contact alone holds",
             ModelFileWarning,
         )
-    data = _Data(tree, arrays.arrays)
-    text = kernel_file("kernel.h").replace("MODEL_TITLE", name)
-    needs = {name: tree[name] for name in ("friction", "floating", "flow")} | {"springs": tree["floating"]}
-    for part, needed in needs.items():
-        text = text.replace(f"/*{part.upper()}*/", _part(model, part) if needed else "")
-    text = text.replace("/*DATA*/", data.text())
+    text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace("MODEL_TITLE", name)
+    text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
     return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
@@ -88,18 +97,6 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     if tree["trained"] is None:
         return lower, upper
     return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
-
-
-def _part(model: Any, part: str) -> str:
-    """Text of an optional part of the kernel; the plug-in of a law of interfaces has that of the law."""
-    if model.law.plugin and (law := page_of(model.law, "a header")).key == part:
-        return law.header.read_text("utf-8")
-    return (kernel_file("programs.h") if part == "flow" else "") + kernel_file(f"{part}.h")
-
-
-def kernel_file(name: str) -> str:
-    """Text of a C file of this folder."""
-    return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
 def formula(steps: list[Any]) -> str:
@@ -130,155 +127,21 @@ class _Data:
     def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
         self.tree = tree
         self.arrays = arrays
-        self.parts: list[str] = []
-        self.formulas = 0
+        self.kernel = kernel_data(tree, arrays, box_of(tree))
+        self.parts: dict[str, str] = {}
 
     def text(self) -> str:
         """All declarations, in an order that C accepts."""
-        tree = self.tree
-        records = [
-            self._records("amplitude", "others", [self._amplitude(item) for item in tree["amplitudes"]["others"]]),
-            self._records("limit", "limits", [self._limit(item) for item in tree["limits"]]),
-            self._records("part", "parts", [self._component(item) for item in tree["parts"]]),
-            self._records("output", "outputs", [self._output(item) for item in tree["outputs"]]),
-        ]
-        reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
-        pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
-        places = np.unique(pairs, return_inverse=True)[1]
-        paths = tree["flow"] or tree["friction"]  # the fixed parameters of flow are those of friction too
-        own = [
-            *(self._path(paths["fixed"]) if paths else ()),
-            *(self._flow(tree["flow"]) if tree["flow"] else ()),
-            *(self._friction(tree["friction"]) if tree["friction"] else ()),
-            *(self._floating(tree["floating"]) if tree["floating"] else ()),
-            self._array("pairs", places),
-            self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
-            self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
-            self._array("schur", np.zeros(1) if tree["schur"] is None else self.arrays[tree["schur"]]),
-            self._array("gaps", self._gaps),
-            *records,
-            f"static const model_interpolant model_reshaped = {reshaped};",
-        ]
-        return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
+        own = [self._declared(name, value) for name, value in self.kernel.data.items()]
+        return "\n".join([*self._sizes(), *self._names(), *self.parts.values(), *own])
 
-    @property
-    def _gaps(self) -> np.ndarray:
-        """Gaps, or the free slack of a constant S, as terms of θ."""
-        tree = self.tree
-        return self.arrays[(tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]]
-
-    def _path(self, fixed: list[int]) -> list[str]:
-        """Parameters that are fixed along a path, and the box of its start."""
-        ends = {name: np.array(self.tree[name]) for name in ("lower", "upper")}
-        own = [self._array(f"box_{name}", values) for name, values in ends.items()]
-        return [self._array("fixed", np.array(fixed, dtype=int)), *own]
-
-    def _flow(self, item: dict[str, Any]) -> list[str]:
-        same = "per_mode per_force forced given moved modal coupled pressed weights".split()
-        names = {name: name for name in same} | {"flow_schur": "schur", "share_of": "parts", "mode_share": "mode_parts"}
-        bodies = [self._body(number, group) for number, group in enumerate(item["groups"])]
-        moduli = [f"{{{self._function(steps)}}}" for steps in item["moduli"]]
-        return [
-            *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
-            self._array("middle", np.array(item["middle"], dtype=float)),
-            self._records("body", "bodies", bodies),
-            "static const model_modulus model_moduli[] = {" + (", ".join(moduli) or "{0}") + "};",
-        ]
-
-    def _body(self, number: int, group: dict[str, Any]) -> str:
-        functions = ", ".join(self._function(steps) for steps in group["constants"])
-        self.parts.append(f"static double (*const model_constants{number}[])(const double *) = {{{functions}}};")
-        fields: dict[str, Any] = {"constants": f"model_constants{number}", "constants_count": len(group["constants"])}
-        fields |= {key: self._put(group[key]) for key in ("elastic", "compliance")}
-        fields |= {"points": group["points"], "law": "0"}
-        if group["law"] is not None:
-            self.parts.append(f"static const model_program model_program{number} = {self._program(group['law'])};")
-            fields["law"] = f"&model_program{number}"
-        if grading := group["grading"]:
-            fields["grading"] = self._put(grading)
-        if places := group["places"]:
-            fields |= {"places": self._put(places), "coordinates": self.arrays[places].shape[1]}
-        return _record(fields)
-
-    def _program(self, law: dict[str, Any]) -> str:
-        arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
-        fields: dict[str, Any] = {key: self._put(law[key]) for key in arrays}
-        fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
-        return _record(fields | {"numbers_count": self.arrays[law["numbers"]].size, "limited": int(law["limited"])})
-
-    def _friction(self, item: dict[str, Any]) -> list[str]:
-        laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
-        # index of the first tangential row of each contact, and the end of the last
-        along = np.searchsorted(self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1))
-        rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
-        return [
-            *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
-            self._array("along", along),
-            self._array("area", self.arrays[item["area"]]),
-            self._records("law", "laws", laws),
-        ]
-
-    def _floating(self, item: dict[str, Any]) -> list[str]:
-        """Contact rows of rigid motions, loads along them, their units, and stiffnesses of springs."""
-        of_motions, loads = (self.arrays[item[key]] for key in ("taken", "driving"))
-        size = self._softness
-        scales = {"units": np.abs(of_motions).max(axis=0), "pushes": (of_motions**2).mean(axis=0)}
-        values = {name: size / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
-        arrays = {"taken": of_motions, "driving": loads} | values
-        return [self._array(name, array) for name, array in arrays.items()]
-
-    @property
-    def _softness(self) -> float:
-        """Mean of the diagonal of S, which is stored by halves."""
-        places = np.arange(self.tree["m"])
-        return float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
-
-    def _sizes(self, places: np.ndarray) -> Iterable[str]:
-        tree = self.tree
-        friction = tree["friction"]
-        grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
-        sizes: dict[str, float] = {
-            "PARAMETERS": len(tree["names"]),
-            "CONDITIONS": tree["m"],
-            "OUTPUTS": len(tree["outputs"]),
-            "TERMS": self._gaps.shape[1],
-            "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
-            "OTHERS": len(tree["amplitudes"]["others"]),
-            "LIMITS": len(tree["limits"]),
-            "PARTS": len(tree["parts"]),
-            "GROUPS": int(places.max()) + 1,
-            "CONSTANT": int(tree["schur"] is not None),
-            "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
-            "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
-            "RUBS": int(friction is not None),
-            "FLOWS": int(tree["flow"] is not None),
-            "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
-        }
-        if tree["floating"]:
-            sizes["SOFTNESS"] = self._softness
-        if friction is not None:
-            rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
-            sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
-        if flow := tree["flow"]:
-            modes, size = self.arrays[flow["per_mode"]].shape
-            points = self.arrays[flow["parts"]].size
-            sizes |= {"MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(flow["groups"])}
-            sizes |= {"SHARES": len(self.arrays[flow["schur"]]), "MODULI": len(flow["moduli"])}
-            laws = [group["law"] for group in flow["groups"] if group["law"]]
-            sizes |= {
-                "RATED": int(any(group["rated"] for group in flow["groups"])),
-                "MEMORY": max([size // points + 1, *(law["sizes"]["memory"] for law in laws)]),
-                "UNKNOWNS": max([2, *(law["sizes"]["unknowns"] for law in laws)]),
-                "REGISTERS": max([1, *(law["registers"] for law in laws)]),
-                "CONSTANTS": max(len(group["constants"]) for group in flow["groups"]),
-            }
-        if paths := tree["flow"] or friction:
-            sizes["FIXED_COUNT"] = len(paths["fixed"])
+    def _sizes(self) -> Iterable[str]:
+        parts = kernel_parts(self.tree)
+        sizes = self.kernel.sizes | {name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()}
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _names(self) -> Iterable[str]:
         tree = self.tree
-        lower, upper = box_of(tree)
         words = {
             "parameter_names": tree["names"],
             "output_names": [item["name"] for item in tree["outputs"]],
@@ -287,8 +150,19 @@ class _Data:
         for name, values in words.items():
             quoted = ", ".join(_quoted(value) for value in values) or "0"
             yield f"static const char *const model_{name}[] = {{{quoted}}};"
-        yield self._array("lower", lower)
-        yield self._array("upper", upper)
+
+    def _declared(self, name: str, value: Any) -> str:
+        """Declaration of an array, of a record or of several."""
+        if isinstance(value, Struct):
+            return f"static const model_{value.kind} model_{name} = {self._record(value)};"
+        if isinstance(value, list):
+            nothing = "{0}" if name == "moduli" else "{.count = 0}"
+            records = ",\n".join(self._record(item) for item in value) or nothing
+            return f"static const model_{RECORDS[name]} model_{name}[] = {{{records}}};"
+        return self._array(name, np.zeros(1) if value is None else self._values(value))
+
+    def _values(self, value: str | np.ndarray) -> np.ndarray:
+        return self.arrays[value] if isinstance(value, str) else value
 
     def _array(self, name: str, values: np.ndarray) -> str:
         whole = values.dtype.kind in "iu"
@@ -296,71 +170,41 @@ class _Data:
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
         return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
 
-    def _put(self, name: str, values: object = None) -> str:
-        """Declare a separate array; returns its name in C."""
-        self.parts.append(self._array(name, self.arrays[name] if values is None else np.array(values)))
-        return f"model_{name}"
+    def _record(self, record: Struct) -> str:
+        """Initialiser of a record; its arrays and functions are declared separately."""
+        fields = {key: self._field(key, value) for key, value in record.fields.items() if value is not None}
+        return "{" + (", ".join(f".{key} = {text}" for key, text in fields.items()) or "0") + "}"
+
+    def _field(self, key: str, value: Any) -> str:
+        if isinstance(value, Formula):
+            return self._function(value.steps)
+        if isinstance(value, Struct) and key == "interpolant":
+            return self._record(value)
+        if isinstance(value, Struct):
+            text = self._record(value)
+            return "&" + self._put(key, lambda name: f"static const model_{value.kind} {name} = {text};")
+        if isinstance(value, list):
+            names = ", ".join(self._function(item.steps) for item in value)
+            return self._put(key, lambda name: f"static const model_function {name}[] = {{{names}}};")
+        if isinstance(value, str):
+            self.parts[value] = self._array(value, self.arrays[value])
+            return f"model_{value}"
+        if isinstance(value, np.ndarray):
+            return self._put(key, lambda name: self._array(name.removeprefix("model_"), value))
+        return "HUGE_VAL" if value == np.inf else repr(value)
+
+    def _put(self, key: str, declared: Callable[[str], str]) -> str:
+        """Declare something under a name that nothing else has; returns it."""
+        name = f"model_{key}_{len(self.parts)}"
+        self.parts[name] = declared(name)
+        return name
 
     def _function(self, steps: list[Any] | None) -> str:
         """Declare a function of the parameters; returns its name in C."""
         if steps is None:
             return "0"
-        name = f"model_formula{self.formulas}"
-        self.formulas += 1
-        self.parts.append(f"static double {name}(const double *p) {{ (void)p; return {formula(steps)}; }}")
-        return name
-
-    def _records(self, kind: str, name: str, records: list[str]) -> str:
-        return f"static const model_{kind} model_{name}[] = {{" + (",\n".join(records) or "{.count = 0}") + "};"
-
-    def _limit(self, item: dict[str, Any]) -> str:
-        high = "HUGE_VAL" if item["high"] is None else repr(item["high"])
-        return f"{{.value = {self._function(item['steps'])}, .low = {item['low']!r}, .high = {high}}}"
-
-    def _amplitude(self, item: dict[str, Any]) -> str:
-        if item["kind"] == "formula":
-            return f"{{.value = {self._function(item['steps'])}}}"
-        positions = item["positions"]
-        slopes = self._put(f"{positions}_slopes", item["slopes"])
-        return (
-            f"{{.positions = {self._put(positions)}, .slopes = {slopes}, .constant = {item['constant']!r}, "
-            f".count = {self.arrays[positions].size}, .degree = {item['degree']}, .extent = {item['extent']}}}"
-        )
-
-    def _interpolant(self, item: dict[str, Any]) -> str:
-        name = item["levels"].removesuffix("levels")
-        rank, grid = self.arrays[item["weights"]].shape
-        own: dict[str, object] = {"axes": self._put(f"{name}axes", np.array(item["axes"], dtype=int))}
-        own |= {key: self._put(f"{name}{key}", item[key]) for key in ("lower", "upper", "nodes")}
-        own |= {key: self._put(item[key]) for key in ("levels", "weights", "modes")}
-        own |= {"axes_count": len(item["axes"]), "nodes_count": len(item["nodes"]), "grid": grid, "rank": rank}
-        return _record(own)
-
-    def _component(self, item: dict[str, Any]) -> str:
-        arrays = ", ".join(f".{key} = {self._put(item[key])}" for key in ("conditions", "terms", "columns"))
-        count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
-        return (
-            f"{{.interpolant = {self._interpolant(item)}, .factor = {self._function(item['factor'])}, {arrays}, "
-            f".count = {count}, .terms_count = {terms}, .forced = {item['forced']}}}"
-        )
-
-    def _output(self, item: dict[str, Any]) -> str:
-        if item["kind"] == "linear":
-            names = {key: item[key] for key in ("forces", "terms", "motions") if key in item} | item.get("moved", {})
-            return "{" + ", ".join(f".{key} = {self._put(name)}" for key, name in names.items()) + "}"
-        if item["kind"] == "quadratic":
-            return f"{{.half = {self._put(item['half'])}}}"
-        own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
-        own += f".count = {self.arrays[item['conditions']].size}, "
-        if item["kind"] == "largest":
-            return own + ".largest = 1}"
-        own += f".counted = {self._put(item['counted'])}, "
-        return own + f".offset = {item['offset']!r}, .factor = {item['factor']!r}, .least = {item['least']!r}}}"
-
-
-def _record(fields: dict[str, Any]) -> str:
-    """Initialiser of a record in C."""
-    return "{" + ", ".join(f".{key} = {value}" for key, value in fields.items()) + "}"
+        text = formula(steps)
+        return self._put("formula", lambda name: f"static double {name}(const double *p) {{ (void)p; return {text}; }}")
 
 
 def _quoted(text: str) -> str:

@@ -11,7 +11,7 @@ enum { OK = 0, DISCARD = 2, ERROR = 3 };
 typedef uint32_t reference;
 typedef void (*logger)(void *environment, int status, const char *category, const char *message);
 
-#define PATHS (MODEL_RUBS || MODEL_FLOWS)
+#define PATHS MODEL_PATHS
 #if PATHS
 typedef model_path work;
 #define new_work model_path_new
@@ -183,7 +183,7 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     (void)no_earlier;
     *event = 0, *terminate = 0, *early = 0, *last = time;
     if (!(size >= 0) || !isfinite(time + size)) return complaint(u, ERROR, "a step must not go back, and time is a number");
-#if MODEL_FLOWS
+#if MODEL_FLOWS || MODEL_REMEMBERS
     if (size > 0) {
         u->work->seconds = size;
         u->known = u->known && !(u->begun && MODEL_RATED); /* a law creeps while its inputs stay */

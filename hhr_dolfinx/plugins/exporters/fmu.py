@@ -10,13 +10,14 @@ import platform
 import subprocess
 import tempfile
 import zipfile
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.exporters.c_header import box_of, c_header, kernel_file
+from hhr_dolfinx.plugins.exporters.c_header import box_of, c_header
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -46,7 +47,7 @@ def write_fmu(path: str | Path, model: object, compiler: str = "cc") -> Path:
     header, tree = c_header(model, IDENTIFIER)
     _check_names(tree)
     token = hashlib.sha256(header.encode()).hexdigest()[:32]
-    sources = {"fmu.c": f'#define MODEL_TOKEN "{token}"\n' + kernel_file("fmu.c"), "model.h": header}
+    sources = {"fmu.c": f'#define MODEL_TOKEN "{token}"\n' + _unit(), "model.h": header}
     system, ending = _system()
     with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", description(tree, Path(path).stem, token))
@@ -55,6 +56,10 @@ def write_fmu(path: str | Path, model: object, compiler: str = "cc") -> Path:
             archive.writestr(f"sources/{name}", text)
         archive.writestr(f"binaries/{system}/{IDENTIFIER}{ending}", _compiled(sources, compiler))
     return Path(path)
+
+
+def _unit() -> str:
+    return (resources.files(__package__) / "fmu.c").read_text(encoding="utf-8")
 
 
 def _check_names(tree: dict[str, Any]) -> None:
@@ -83,7 +88,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         generationTool=f"hhr_dolfinx {__version__}",
         description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
     )
-    path = tree["flow"] or tree["friction"]
+    path = tree["path"]
     ElementTree.SubElement(
         root,
         "CoSimulation",

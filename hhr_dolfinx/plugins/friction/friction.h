@@ -1,7 +1,8 @@
 
 /* Increments with friction, with one tangent per contact, or two in space: statuses and directions by a semi-smooth Newton
    method; if it does not converge, sweeps over single contacts improve the forces. Rigid motions of bodies that contact alone
-   holds are unknowns too; if that fails, weak springs hold the bodies. As in friction.js. */
+   holds are unknowns too; if that fails, weak springs hold the bodies. As in plugins/friction/
+   sliding_set.py. */
 #define MODEL_RUBBED 40
 #define MODEL_GIVES 1e-4
 #define MODEL_BORDERED (MODEL_CONDITIONS + MODEL_MOTIONS)
@@ -10,10 +11,13 @@
 
 /* State of contacts: sticking position, length of slip, its work and its wear. */
 typedef struct {
-    double position[MODEL_TANGENTS], slipped[MODEL_CONTACTS];
-    double work[MODEL_CONTACTS], wear[MODEL_CONTACTS], pressure[MODEL_CONTACTS], bound[MODEL_CONTACTS], gap[MODEL_CONTACTS];
-    unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 stick, 2 slip */
+    double *position, *slipped, *work, *wear, *pressure, *bound, *gap;
+    unsigned char *statuses; /* 0 open, 1 stick, 2 slip */
 } model_slip;
+#define MODEL_SLIP_ROWS(s) \
+    {&s.position, MODEL_TANGENTS}, {&s.slipped, MODEL_CONTACTS}, {&s.work, MODEL_CONTACTS}, {&s.wear, MODEL_CONTACTS}, \
+    {&s.pressure, MODEL_CONTACTS}, {&s.bound, MODEL_CONTACTS}, {&s.gap, MODEL_CONTACTS},
+#define MODEL_SLIP_BYTES MODEL_CONTACTS
 
 /* An unknown: its rows, its test, and its diagonal term. */
 typedef struct {
@@ -25,10 +29,11 @@ typedef struct {
 typedef struct {
     model_work *room;
     model_column *columns;
-    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: slip directions along rows */
-    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe;
-#if MODEL_MOTIONS
-    double *held, *bare, motions[MODEL_MOTIONS]; /* S and slack of bodies on springs, or without */
+    double *block, *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x;
+    double *ways; /* slip directions along rows */
+    double *coefficient, *limit, *shrunk, probe;
+#if MODEL_FLOATS
+    double *held, *bare, *motions; /* S and slack of bodies on springs, or without */
     int floats; /* motions are unknowns */
 #endif
     int *place;
@@ -37,30 +42,26 @@ typedef struct {
 
 static inline void model_slider_free(model_slider *p) {
     if (!p) return;
-    free(p->schur), free(p->slack), free(p->stiffness), free(p->y), free(p->start), free(p->forces), free(p->left);
-    free(p->known), free(p->x), free(p->ways), free(p->columns), free(p->place), free(p->at), free(p->pressing), free(p->seen);
-#if MODEL_MOTIONS
-    free(p->held), free(p->bare);
-#endif
-    free(p);
+    free(p->block), free(p->columns), free(p->place), free(p->at), free(p->pressing), free(p->seen), free(p);
 }
 
 /* Work arrays that use those of a room; NULL without memory. */
 static inline model_slider *model_slider_new(model_work *room) {
-    const size_t m = MODEL_CONDITIONS;
+    const size_t m = MODEL_CONDITIONS, n = MODEL_BORDERED;
     model_slider *p = calloc(1, sizeof *p);
     if (!p) return NULL;
-    p->room = room, p->schur = malloc(m * m * sizeof(double));
-    double **rows[] = {&p->slack, &p->stiffness, &p->y, &p->start, &p->forces, &p->left, &p->known, &p->x, &p->ways};
-    int all = room && p->schur;
-    for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) all = (*rows[k] = calloc(MODEL_BORDERED, sizeof(double))) && all;
+    const model_row rows[] = {{&p->schur, m * m}, {&p->slack, n}, {&p->stiffness, n}, {&p->y, n}, {&p->start, n}, {&p->forces, n},
+                              {&p->left, n}, {&p->known, n}, {&p->x, n}, {&p->ways, n}, {&p->coefficient, MODEL_CONTACTS},
+                              {&p->limit, MODEL_CONTACTS}, {&p->shrunk, MODEL_CONTACTS},
+#if MODEL_FLOATS
+                              {&p->held, m * m}, {&p->bare, m}, {&p->motions, MODEL_MOTIONS},
+#endif
+    };
+    size_t size;
+    p->room = room, p->block = model_block(MODEL_ROWS(rows), 0, &size);
     p->columns = malloc(m * sizeof *p->columns), p->place = malloc(m * sizeof(int)), p->at = malloc(3 * m), p->pressing = malloc(m);
     p->seen = malloc(3 * m * (MODEL_RUBBED + 1));
-#if MODEL_MOTIONS
-    p->held = malloc(m * m * sizeof(double)), p->bare = malloc(m * sizeof(double));
-    all = all && p->held && p->bare;
-#endif
-    if (all && p->columns && p->place && p->at && p->pressing && p->seen) {
+    if (room && p->block && p->columns && p->place && p->at && p->pressing && p->seen) {
         memset(p->pressing, 1, m);
         for (int k = 0; k < MODEL_TANGENTS; k++) p->pressing[model_tangential[k]] = 0;
         return p;
@@ -91,7 +92,7 @@ static inline void model_leave(const model_slider *p, const double *forces, doub
 
 static inline void model_leave_moved(const model_slider *p, const double *forces, double *left) {
     model_leave(p, forces, left);
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     for (int i = 0; i < MODEL_CONDITIONS && p->floats; i++) left[i] -= model_taken_by(i, p->motions);
 #endif
 }
@@ -169,7 +170,7 @@ static inline int model_unknowns(model_slider *p) {
         if (count < 2) continue;
         const int one = model_tangential[first], two = model_tangential[first + 1];
         double unit = 1;
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
         if (p->floats) unit = MODEL_SOFTNESS;
 #endif
         const double tested = unit * p->shrunk[contact] * p->probe * p->stiffness[one];
@@ -188,7 +189,7 @@ static inline int model_on_statuses(model_slider *p) {
     const int m = MODEL_CONDITIONS, n = model_unknowns(p);
     double *a = p->room->factored;
     int size = n;
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     if (p->floats) size += MODEL_MOTIONS;
 #endif
     memset(a, 0, sizeof(double) * size * size);
@@ -202,7 +203,7 @@ static inline int model_on_statuses(model_slider *p) {
                     a[r * size + c] += tests->weights[t] * p->columns[c].shares[k] * row[p->columns[c].rows[k]];
         }
     }
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     for (int j = 0; j < size - n; j++) /* effect of the motions, in their units, and the balance along them */
         for (int r = 0; r < n; r++) {
             const model_column *own = &p->columns[r];
@@ -216,7 +217,7 @@ static inline int model_on_statuses(model_slider *p) {
     return model_lu(a, size, p->room->pivots) ? n : -1;
 }
 
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
 /* 0 for a solution that is round-off of a singular system, by its residual and its size. */
 static inline int model_sound(const model_slider *p, int size) {
     const double *whole = p->room->whole, *right = p->room->right;
@@ -241,7 +242,7 @@ static inline int model_answered(model_slider *p, int n) {
         p->x[r] = 0;
         for (int t = 0; t < p->columns[r].tested; t++) p->x[r] -= p->columns[r].weights[t] * pushed[p->columns[r].tests[t]];
     }
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     for (int j = 0; j < MODEL_MOTIONS && p->floats; j++) {
         double left = p->room->driving[j];
         for (int i = 0; i < m; i++) left -= p->known[i] * model_taken[i * MODEL_MOTIONS + j];
@@ -250,7 +251,7 @@ static inline int model_answered(model_slider *p, int n) {
     if (p->floats) memcpy(p->room->right, p->x, size * sizeof(double));
 #endif
     model_lu_solved(p->room->factored, size, p->room->pivots, p->x);
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     if (p->floats && !model_sound(p, size)) return 0;
     for (int j = 0; j < size - n; j++) p->motions[j] = model_units[j] * p->x[n + j];
 #endif
@@ -262,7 +263,7 @@ static inline int model_answered(model_slider *p, int n) {
     return 1;
 }
 
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
 /* 1 if forces balance the loads along all motions. */
 static inline int model_rests(model_slider *p) {
     double left[MODEL_MOTIONS], sizes[MODEL_MOTIONS], most = 0;
@@ -287,7 +288,7 @@ static inline int model_iterated(model_slider *p, const double *start, double pr
         model_leave_moved(p, p->forces, p->left);
         const double worst = model_projected(p, probe);
         int done = worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise;
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
         done = done && model_rests(p);
 #endif
         if (done) {
@@ -331,12 +332,12 @@ static inline void model_swept(const model_slider *p, double *forces, int count)
 /* Newton's method, with one factor of the slip after another. */
 static inline int model_probed(model_slider *p) {
     static const double probes[] = {0.2, 1, 0.01};
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     double begin[MODEL_MOTIONS];
     memcpy(begin, p->motions, sizeof begin);
 #endif
     for (size_t k = 0; k < sizeof probes / sizeof *probes; k++) {
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
         memcpy(p->motions, begin, sizeof begin);
 #endif
         if (model_iterated(p, p->start, probes[k])) return 1;
@@ -381,14 +382,14 @@ static inline void model_set_stiffness(model_slider *p) {
 static inline int model_set_laws(model_slider *p, const double *point) {
     for (int k = 0; k < MODEL_CONTACTS; k++) {
         const model_law *law = &model_laws[model_law_of[k]];
-        p->coefficient[k] = law->coefficient ? law->coefficient(point) : INFINITY;
-        p->limit[k] = law->limit ? law->limit(point) * model_area[k] : INFINITY;
+        p->coefficient[k] = law->coefficient ? MODEL_AT(law->coefficient, point) : INFINITY;
+        p->limit[k] = law->limit ? MODEL_AT(law->limit, point) * model_area[k] : INFINITY;
         if (isnan(p->coefficient[k]) || isnan(p->limit[k])) return 0;
     }
     return 1;
 }
 
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
 /* S and the slack of bodies on springs with given ends, from those of bodies without. */
 static inline void model_hold(model_slider *p, const double *schur, double weak, const double *ends) {
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
@@ -415,8 +416,8 @@ static inline void model_let_go(model_slider *p, const double *schur) {
 static inline int model_settles_free(model_slider *p) {
     static const double weakness[] = {1e3, 1e5, 1e7, 1e9};
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
-    double ends[MODEL_MOTIONS] = {0}, left[MODEL_MOTIONS], sizes[MODEL_MOTIONS], stiffest = 0, nothing;
-    memset(p->motions, 0, sizeof p->motions);
+    double ends[MODEL_MOTIONS], left[MODEL_MOTIONS], sizes[MODEL_MOTIONS], stiffest = 0, nothing;
+    memset(p->motions, 0, sizeof ends), memset(ends, 0, sizeof ends);
     p->floats = 1;
     if (model_probed(p)) return 1;
     memcpy(p->bare, p->slack, m * sizeof(double)), memcpy(p->held, p->schur, m * m * sizeof(double));
@@ -451,8 +452,9 @@ static inline int model_settles_free(model_slider *p) {
 static inline void model_remember(const model_slider *p, const model_slip *before, model_slip *after) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
-    double slipped[MODEL_CONTACTS] = {0};
-    unsigned char slides[MODEL_CONTACTS] = {0};
+    double slipped[MODEL_CONTACTS];
+    unsigned char slides[MODEL_CONTACTS];
+    memset(slipped, 0, sizeof slipped), memset(slides, 0, sizeof slides);
     for (int k = 0; k < MODEL_TANGENTS; k++) {
         const int row = model_tangential[k], contact = model_owner[k];
         after->position[k] = before->position[k] + p->left[row];
@@ -471,23 +473,32 @@ static inline void model_remember(const model_slider *p, const model_slip *befor
     }
 }
 
-#if !MODEL_FLOWS
+#if !MODEL_FLOWS && !MODEL_RANGED
 #define MODEL_HALVED 6
 #define MODEL_FEWEST 4
 #define MODEL_CUTS 12
 #define MODEL_SETTLED 1e-3
 #define MODEL_WORK_LEAST 1e-3
 #define MODEL_APART 1e-9
+#define MODEL_POOL (3 * (MODEL_CUTS + 2))
 #define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* index of the end of an increment */
 
 /* State of a path of elastic bodies. */
 typedef struct {
-    double point[MODEL_PARAMETERS], forces[MODEL_CONDITIONS], energy;
-#if MODEL_MOTIONS
-    double motions[MODEL_MOTIONS];
-#endif
+    double *block, *point, *forces, *energy, *motions;
     model_slip slip;
+    size_t size;
 } model_state;
+
+/* Room for a state; 0 without memory. */
+static inline int model_state_new(model_state *s) {
+    const model_row rows[] = {{&s->point, MODEL_PARAMETERS}, {&s->forces, MODEL_CONDITIONS}, {&s->energy, 1},
+                              {&s->motions, MODEL_MOTIONS}, MODEL_SLIP_ROWS(s->slip)};
+    s->block = model_block(MODEL_ROWS(rows), MODEL_SLIP_BYTES, &s->size);
+    if (!s->block) return 0;
+    s->slip.statuses = (unsigned char *)s->block + s->size - MODEL_SLIP_BYTES;
+    return 1;
+}
 
 typedef struct {
     model_work *room;
@@ -499,6 +510,8 @@ typedef struct {
 
 static inline void model_path_free(model_path *p) {
     if (!p) return;
+    for (int k = 0; p->pool && k < MODEL_POOL; k++) free(p->pool[k].block);
+    if (p->state) free(p->state->block);
     model_slider_free(p->slider), model_free(p->room), free(p->state), free(p->pool), free(p);
 }
 
@@ -507,8 +520,10 @@ static inline model_path *model_path_new(void) {
     model_path *p = calloc(1, sizeof *p);
     if (!p) return NULL;
     p->room = model_new(), p->slider = model_slider_new(p->room), p->state = calloc(1, sizeof *p->state);
-    p->pool = calloc(3 * (MODEL_CUTS + 2), sizeof *p->pool);
-    if (p->room && p->slider && p->state && p->pool) return p;
+    p->pool = calloc(MODEL_POOL, sizeof *p->pool);
+    int all = p->room && p->slider && p->state && p->pool && model_state_new(p->state);
+    for (int k = 0; all && k < MODEL_POOL; k++) all = model_state_new(&p->pool[k]);
+    if (all) return p;
     model_path_free(p);
     return NULL;
 }
@@ -533,15 +548,15 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     for (int k = 0; k < MODEL_TANGENTS; k++) q->slack[model_tangential[k]] -= before->slip.position[k];
     model_set_softened(q, p->room->schur), model_set_stiffness(q);
     if (!model_set_laws(q, point)) return 0;
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     if (!model_settles_free(q)) return 0;
-    memcpy(after->motions, q->motions, sizeof after->motions);
+    memcpy(after->motions, q->motions, MODEL_MOTIONS * sizeof(double));
 #else
     if (!model_settles(q)) return 0;
 #endif
-    memcpy(after->point, point, sizeof after->point);
-    memcpy(after->forces, q->forces, sizeof after->forces);
-    after->energy = model_energy(p);
+    memcpy(after->point, point, MODEL_PARAMETERS * sizeof(double));
+    memcpy(after->forces, q->forces, MODEL_CONDITIONS * sizeof(double));
+    *after->energy = model_energy(p);
     model_remember(q, &before->slip, &after->slip);
     return 1;
 }
@@ -586,7 +601,7 @@ static inline int model_tried(model_path *p, const model_state *before, const do
     if (!model_increment(p, before, point, after)) return 0;
     for (int i = 0; i < MODEL_CONDITIONS; i++) size += after->forces[i] * after->forces[i];
     p->largest = fmax(p->largest, sqrt(size));
-    p->energy = fmax(p->energy, after->energy);
+    p->energy = fmax(p->energy, *after->energy);
     return 1;
 }
 
@@ -596,13 +611,14 @@ static inline int model_careful(model_path *p, const model_state *before, const 
     model_state *half = &p->pool[3 * depth], *whole = half + 1, *second = half + 2;
     const int single = model_tried(p, before, point, whole);
     if (depth >= (single ? MODEL_CUTS : MODEL_HALVED)) {
-        if (single) *after = *whole;
+        if (single) model_copy(after, whole), MODEL_REACHED(whole);
         return single;
     }
     model_between(before->point, point, 0.5, middle);
     if (model_tried(p, before, middle, half) && single && model_tried(p, half, point, second) &&
         (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth + 1 >= MODEL_CUTS)) {
-        *after = *second;
+        MODEL_REACHED(half), MODEL_REACHED(second);
+        model_copy(after, second);
         return 1;
     }
     return model_careful(p, before, middle, half, depth + 1) && model_careful(p, half, point, after, depth + 1);
@@ -612,8 +628,8 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     model_work *w = p->room;
     if (!model_set_contact(w, p->state->point)) return MODEL_NO_ANSWER;
     memcpy(w->forces, p->state->forces, MODEL_CONDITIONS * sizeof(double));
-#if MODEL_MOTIONS
-    memcpy(w->motions, p->state->motions, sizeof w->motions);
+#if MODEL_FLOATS
+    memcpy(w->motions, p->state->motions, MODEL_MOTIONS * sizeof(double));
 #endif
     if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
     if (outputs) model_read(w, outputs);
@@ -624,7 +640,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
 static inline int model_rest(model_path *p, const double *point) {
     double from[MODEL_PARAMETERS];
     model_start(point, from);
-    memset(p->state, 0, sizeof *p->state);
+    memset(p->state->block, 0, p->state->size);
     memcpy(p->state->point, from, sizeof from);
     p->begun = 0, p->largest = p->energy = 0;
     if (!model_stays(point)) return MODEL_OUTSIDE;
@@ -649,7 +665,7 @@ static inline int model_begin(model_path *p, const double *point, double *forces
             p->begun = 0;
             return MODEL_NO_ANSWER;
         }
-        *p->state = *reached;
+        model_copy(p->state, reached);
     }
     return model_told(p, forces, outputs);
 }

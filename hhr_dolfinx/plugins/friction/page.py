@@ -1,4 +1,4 @@
-"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the files that solve by them."""
+"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the file that solves by them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _FOLDER = Path(__file__).parent
 
 
 class _Page:
-    """See :class:`hhr_dolfinx.plugins.pages.arrays.LawOnPage`."""
+    """See :class:`hhr_dolfinx.plugins.pages.laws.LawOnPage`."""
 
     key = "friction"
-    script = _FOLDER / "friction.js"
     header = _FOLDER / "friction.h"
+    range_header = _FOLDER / "friction_range.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
         tree: dict[str, Any] = {
@@ -25,7 +25,6 @@ class _Page:
         }
         tree["area"] = arrays.put("friction_area", law.area)
         tree["tangents"] = arrays.put("friction_tangents", law.tangents)
-        tree["fixed"] = law.fixed.tolist()
         tree["laws"] = [[steps_of(item.coefficient), steps_of(item.limit)] for item in law.laws]
         return tree
 

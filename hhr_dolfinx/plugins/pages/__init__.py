@@ -5,7 +5,7 @@ from hhr_dolfinx.registry import Plugin
 PLUGIN = Plugin(
     name="pages",
     needs=("stress",),
-    optional=("inelastic", "moduli"),
+    optional=("contact_laws", "inelastic", "moduli"),
     public={
         "hhr_dolfinx.plugins.pages.page": "write_model_page",
         "hhr_dolfinx.plugins.pages.scenery": "Scenery",

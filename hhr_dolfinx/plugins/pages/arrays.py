@@ -11,14 +11,12 @@ has the arrays of an increment instead, see :mod:`hhr_dolfinx.plugins.pages.flow
 from __future__ import annotations
 
 import math
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Limits
-from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -28,12 +26,18 @@ from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.pages.kernel import kernel_of, kernel_parts
+from hhr_dolfinx.plugins.pages.laws import check_law, law_tree, laws_of
+from hhr_dolfinx.plugins.pages.layout import encoded
 from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
+from hhr_dolfinx.plugins.pages.records import kernel_data
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 FLAT = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
+
+_OF_KERNEL = ("amplitudes", "limits", "groups", "schur", "free_slack", "gaps", "reshaped")
 
 
 def check_model(model: object, what: str = "a page") -> None:
@@ -42,9 +46,7 @@ def check_model(model: object, what: str = "a page") -> None:
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
         check_flow(model, what)
-        law: ContactLaw = model.law  # type: ignore[attr-defined]
-        if law.plugin:
-            page_of(law, what)
+        check_law(model.law, what, flows=True)  # type: ignore[attr-defined]
         return
     if not isinstance(model, CondensedModel) or not (
         isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
@@ -59,8 +61,7 @@ def check_model(model: object, what: str = "a page") -> None:
             f"{what} solves for the motions of bodies that contact alone holds on one S, and here S depends on "
             "parameters: ask in Python, or hold them by a displacement"
         )
-    if model.law.plugin:
-        page_of(model.law, what)
+    check_law(model.law, what, flows=False)
     eliminated: Any = model.eliminated
     if interpolates(model) and not eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
@@ -75,41 +76,50 @@ def interpolates(model: object) -> bool:
     return isinstance(model, CondensedModel) and isinstance(model.eliminated, Compliances)
 
 
-class LawOnPage(Protocol):
-    """Facet ``page`` of a law of interfaces."""
-
-    key: str  # name of its data in the tree of a page
-    script: Path  # file in JavaScript that solves by the law
-    header: Path  # the same in C
-
-    def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
-        """Rows and constants of the law."""
-
-
-def page_of(law: ContactLaw, what: str) -> LawOnPage:
-    """The facet ``page`` of a law; NotOfferedError if its plug-in has none."""
-    found: LawOnPage = registry.facet(law.plugin, "page", f"{what} of contacts with {law.name}")
-    return found
-
-
 def flows(model: object) -> bool:
     """True for a model with inelastic bodies."""
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
-def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
     """
     arrays = Packed()
     tree = contact_tree(model, arrays) | {"bound": None}
-    if interpolates(model):
+    if interpolates(model) and not model.law.plugin:  # the bound is that of unilateral contact
         from hhr_dolfinx.plugins.pages.interpolated import bound_tree
 
         tree["bound"] = bound_tree(model, arrays)
+    tree = _drawn(tree) | {"kernel": _kernel(model, tree, arrays)}
     tree |= pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
+
+
+def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
+    """The compiled kernel that a model needs, and its data."""
+    code = np.frombuffer(kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8)
+    own = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
+    return own | {"code": arrays.put("kernel", code, "<u1")}
+
+
+def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
+    """What a page reads of a tree itself; the rest is data of the kernel."""
+    found = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
+    found["outputs"] = [{key: item[key] for key in ("name", "unit")} for item in tree["outputs"]]
+    own = ("terms", "forced", "factor", "weights")  # of the bound
+    found["parts"] = [{key: part[key] for key in own} for part in tree["parts"]] if tree["bound"] else []
+    if tree["ranges"]:
+        found["ranges"] = {"remembers": tree["ranges"]["remembers"]}
+    if tree["friction"]:
+        found["friction"] = {key: value for key, value in tree["friction"].items() if key != "laws"}
+    if tree["flow"]:
+        kept = ("points", "elastic", "grading")
+        groups = [{key: group[key] for key in kept} for group in tree["flow"]["groups"]]
+        found["flow"] = {key: tree["flow"][key] for key in ("parts", "per_mode", "unforeseen")}
+        found["flow"]["groups"] = groups
+    return found
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
@@ -130,14 +140,15 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "friction": None,
         "flow": None,
         "floating": None,
+        "ranges": None,
+        "path": {"fixed": model.law.fixed.tolist()} if model.law.path_dependent else None,
     }
-    if model.law.plugin:
-        law = page_of(model.law, "a page")
-        tree[law.key] = law.tree(model.law, arrays)
+    tree |= law_tree(model.law, model.conditions, arrays)
     if inelastic:
         from hhr_dolfinx.plugins.pages.flowing import flow_tree
 
         tree |= {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
+        tree["path"] = {"fixed": tree["flow"].pop("fixed")}
     else:
         tree |= _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)

@@ -13,7 +13,7 @@ hhr.Bound = class {
   /* Largest errors of a nodal force and a pressure, absolute and relative to the exact ones; null if S has no factor. */
   at(answer) {
     if (!answer.converged) return null;
-    const { inexact } = this, { contact } = answer, amplified = this.amplified(contact.schur);
+    const { inexact } = this, contact = this.model.contact(answer.point), amplified = this.amplified(contact.schur);
     if (!amplified) return null;
     const forces = answer.forces, better = forces.map((x) => Math.max(x, 0)), off = forces.map((x, i) => x - better[i]);
     const energy = (values) => Math.sqrt(Math.max(hhr.dot(values, this.pushed(contact.schur, values)), 0));
@@ -48,7 +48,7 @@ hhr.Bound = class {
     const { model } = this;
     let driven = 0;
     model.tree.parts.forEach((part, number) => {
-      const along = model.along(part, point), work = this.work[number], root = Math.sqrt(model.compliance(part, point));
+      const along = model.along(number, point), work = this.work[number], root = Math.sqrt(model.compliance(part, point));
       const T = model.arrays[part.terms].length, size = (T * (T + 1)) / 2;
       // the load of a lift L is -K L, and K scales with the inverse factor of K^-1
       const weights = Array.from(model.arrays[part.terms], (term, t) => theta[term] * (t < part.forced ? root : -1 / root));

@@ -1,6 +1,6 @@
 """Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and pictures of an answer.
 
-``flow.js`` solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
+The kernel solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
 contact problem for each correction, and Newton's method on both. Where contacts rub, that is an increment of friction,
 see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
 """

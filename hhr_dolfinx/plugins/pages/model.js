@@ -1,13 +1,13 @@
 "use strict";
-/* The numbers of a page: amplitudes, S and the free slack at a point, contact by an active set, outputs, derivatives.
+/* The numbers of a page: a kernel in WebAssembly, its answers, and what a page draws of them.
 
-   The same as models.condensed in Python, to round-off; pages/arrays.py describes the arrays. Runs in a browser and in
-   node. */
+   Answers are those of models.condensed in Python, to round-off; pages/arrays.py and layout.py describe the data. Runs in a
+   browser and in node. */
 
 const hhr = (() => {
   const KINDS = { "<f8": Float64Array, "<f4": Float32Array, "<i4": Int32Array, "<i2": Int16Array, "<i1": Int8Array, "<u1": Uint8Array, "<u2": Uint16Array,
     "<u4": Uint32Array };
-  const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, MOST = 1000, STEP = 1e-5;
+  const STEP = 1e-5;
 
   function decoded(arrays) {
     const found = {};
@@ -35,291 +35,167 @@ const hhr = (() => {
     return NaN;
   }
 
-  function formula(steps, point) {
+  function functionOf(steps) {
     const stack = [];
     for (const step of steps) {
-      if (typeof step === "number") stack.push(step);
-      else if (step in ONE) stack.push(ONE[step](stack.pop()));
-      else if (step in TWO) { const b = stack.pop(); stack.push(TWO[step](stack.pop(), b)); }
-      else if (step[0] === "p") stack.push(point[step[1]]);
-      else stack.push(table(stack.splice(stack.length - step[1])));
+      if (typeof step === "number") stack.push(() => step);
+      else if (step in ONE) { const f = ONE[step], a = stack.pop(); stack.push((p) => f(a(p))); }
+      else if (step in TWO) { const f = TWO[step], b = stack.pop(), a = stack.pop(); stack.push((p) => f(a(p), b(p))); }
+      else if (step[0] === "p") { const k = step[1]; stack.push((p) => p[k]); }
+      else { const all = stack.splice(stack.length - step[1]); stack.push((p) => table(all.map((f) => f(p)))); }
     }
     return stack[0];
   }
 
-  /* A pressure up to a parameter, see amplitudes.Coverage. */
-  function coverage(item, line, point, out, first) {
-    const degree = item.degree, edges = (line.length - 1) / degree, end = point[item.extent];
-    let edge = 0;
-    while (edge < edges - 1 && line[degree * (edge + 1)] < end) edge++;
-    const start = line[degree * edge], length = line[degree * (edge + 1)] - start;
-    const s = Math.min(Math.max((end - start) / length, 0), 1);
-    let size = item.constant;
-    item.slopes.forEach((slope, k) => { size += slope * point[k]; });
-    out[first + edge] = size;
-    const cube = (2 * s * s * s) / 3;
-    const parts = degree === 1 ? [s - (s * s) / 2, (s * s) / 2]
-      : [s - 1.5 * s * s + cube, 2 * s * s - 2 * cube, cube - (s * s) / 2];
-    parts.forEach((part, k) => { out[first + edges + degree * edge + k] = size * length * part; });
-    return edges + line.length;
-  }
-
-  /* LU with the largest pivots, in place; false if singular. */
-  function factor(a, n, pivots) {
-    for (let k = 0; k < n; k++) {
-      let best = k;
-      for (let i = k + 1; i < n; i++) if (Math.abs(a[i * n + k]) > Math.abs(a[best * n + k])) best = i;
-      pivots[k] = best;
-      const pivot = a[best * n + k];
-      if (!(Math.abs(pivot) > 0)) return false;
-      if (best !== k) for (let j = 0; j < n; j++) {
-        const swap = a[k * n + j]; a[k * n + j] = a[best * n + j]; a[best * n + j] = swap;
-      }
-      for (let i = k + 1; i < n; i++) {
-        const share = (a[i * n + k] /= pivot);
-        if (share !== 0) for (let j = k + 1; j < n; j++) a[i * n + j] -= share * a[k * n + j];
-      }
-    }
-    return true;
-  }
-
-  function solved(a, n, pivots, x) {
-    for (let k = 0; k < n; k++) {
-      const swap = x[pivots[k]]; x[pivots[k]] = x[k]; x[k] = swap;
-    }
-    for (let i = 0; i < n; i++) for (let j = 0; j < i; j++) x[i] -= a[i * n + j] * x[j];
-    for (let i = n - 1; i >= 0; i--) {
-      for (let j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
-      x[i] /= a[i * n + i];
-    }
-    return x;
+  const functions = new WeakMap();
+  function formula(steps, point) {
+    if (!functions.has(steps)) functions.set(steps, functionOf(steps));
+    return functions.get(steps)(point);
   }
 
   function dot(one, other) {
     return one.reduce((sum, x, k) => sum + x * other[k], 0);
   }
 
-  class Model {
-    constructor(tree, arrays) {
-      this.tree = tree;
-      this.arrays = arrays;
-      this.m = tree.m;
-      this.groups = tree.groups ? arrays[tree.groups] : null;
-      this.terms = arrays[tree.amplitudes.constant].length + tree.amplitudes.others
-        .map((item) => item.kind === "formula" ? 1
-          : (arrays[item.positions].length - 1) / item.degree + arrays[item.positions].length)
-        .reduce((a, b) => a + b, 0);
-      this.constantSchur = tree.schur ? this.whole(arrays[tree.schur]) : null;
-      this.last = null;
-      this.floating = null;
+  /* The kernel of the C headers in WebAssembly, with the data of a model in its memory. */
+  class Kernel {
+    /* From the tree and arrays of a page; browsers compile long kernels in the background only. */
+    static async of(tree, arrays) {
+      const kernel = new Kernel(tree.kernel, arrays), { Math: M } = globalThis;
+      const env = { ...Object.fromEntries("exp log sin cos tan asin acos atan sinh cosh tanh pow atan2 hypot".split(" ").map((name) => [name, M[name]])),
+        formula: (number, at) => formula(kernel.own.formulas[number - 1], kernel.doubles(at, kernel.own.sizes.parameters + 4)),
+        reached: (at) => kernel.reached(at) };
+      const { instance } = await WebAssembly.instantiate(arrays[tree.kernel.code], { env });
+      return kernel.filled(instance.exports);
     }
 
-    /* A symmetric matrix from its lower half by rows. */
-    whole(half, m = this.m) {
-      const found = new Float64Array(m * m);
-      for (let i = 0, k = 0; i < m; i++) for (let j = 0; j <= i; j++, k++) found[i * m + j] = found[j * m + i] = half[k];
-      return found;
+    constructor(own, arrays) {
+      Object.assign(this, { own, arrays, layouts: {}, placed: new Map() });
     }
 
-    theta(point) {
-      const { constant, slopes, others } = this.tree.amplitudes, first = this.arrays[constant];
-      const slope = this.arrays[slopes], p = point.length, found = new Float64Array(this.terms);
-      for (let t = 0; t < first.length; t++) {
-        found[t] = first[t];
-        for (let k = 0; k < p; k++) found[t] += slope[t * p + k] * point[k];
-      }
-      let place = first.length;
-      for (const item of others) {
-        if (item.kind === "formula") found[place++] = formula(item.steps, point);
-        else place += coverage(item, this.arrays[item.positions], point, found, place);
-      }
-      return found;
+    filled(calls) {
+      this.calls = calls;
+      const { sizes, data } = this.own;
+      this.fill("sizes", Object.values(sizes), calls.sizes());
+      this.fill("data", data, calls.data());
+      this.asked = calls.room(8 * (sizes.parameters + 4));
+      if (!calls.ready()) throw new Error("there is no memory for this model");
+      return this;
     }
 
-    /* Components of an interpolation along its modes. */
-    along(part, point) {
-      const levels = this.arrays[part.levels], weights = this.arrays[part.weights], d = part.axes.length;
-      const n = levels.shape[0], r = weights.shape[0], nodes = part.nodes;
-      const tables = part.axes.map((axis, a) => {
-        const x = (2 * (point[axis] - part.lower[a])) / (part.upper[a] - part.lower[a]) - 1, values = [1];
-        for (let k = 0; k + 1 < nodes.length; k++) values.push(values[k] * (x - nodes[k]));
-        return values.map((value, k) => nodes.slice(0, k).reduce((v, z) => v / (nodes[k] - z), value));
+    /* Offsets of the fields of a record, its size and its alignment, as compilers of C have them. */
+    layout(kind) {
+      if (this.layouts[kind]) return this.layouts[kind];
+      let end = 0, widest = 4;
+      const fields = this.own.layouts[kind].map((code) => {
+        const [size, align] = code === "d" ? [8, 8] : code[0] === "r" ? [this.layout(code.slice(2)).size, this.layout(code.slice(2)).widest] : [4, 4];
+        const offset = Math.ceil(end / align) * align;
+        [end, widest] = [offset + size, Math.max(widest, align)];
+        return { code, offset };
       });
-      const found = new Float64Array(r);
-      for (let j = 0; j < n; j++) {
-        let h = 1;
-        for (let a = 0; a < d; a++) h *= tables[a][levels[j * d + a]];
-        for (let i = 0; i < r; i++) found[i] += weights[i * n + j] * h;
+      return (this.layouts[kind] = { fields, widest, size: Math.ceil(end / widest) * widest });
+    }
+
+    /* Writes a record at an address, with what it points to elsewhere. */
+    fill(kind, values, at) {
+      this.layout(kind).fields.forEach(({ code, offset }, k) => {
+        const value = values[k], there = at + offset;
+        if (code[0] === "r") return this.fill(code.slice(2), value, there);
+        const number = code === "d" ? Number(value ?? 0) : code === "i" ? value ?? 0 : value === null ? 0 : this.placedAt(code, value);
+        const view = new DataView(this.calls.memory.buffer);
+        return code === "d" ? view.setFloat64(there, number, true) : view.setInt32(there, number, true);
+      });
+    }
+
+    /* Address of records, or of an array by its name or by its values. */
+    placedAt(code, value) {
+      if (code[0] === "R") {
+        const kind = code.slice(2), { size } = this.layout(kind), at = this.calls.room(size * value.length);
+        value.forEach((own, k) => this.fill(kind, own, at + k * size));
+        return at;
       }
-      return found;
+      const key = code + value;
+      if (typeof value === "string" && this.placed.has(key)) return this.placed.get(key);
+      const numbers = typeof value === "string" ? this.arrays[value] : value, wide = code === "D" ? 8 : 4;
+      const at = this.calls.room(wide * numbers.length);
+      (code === "D" ? this.doubles(at, numbers.length) : new Int32Array(this.calls.memory.buffer, at, numbers.length)).set(numbers);
+      this.placed.set(key, at);
+      return at;
+    }
+
+    /* Numbers in the memory, which is whole from the first answer on. */
+    doubles(at, count) { return new Float64Array(this.calls.memory.buffer, at, count); }
+
+    bytes(at, count) { return new Uint8Array(this.calls.memory.buffer, at, count); }
+
+    /* Address of a point. */
+    point(point) {
+      this.doubles(this.asked, point.length).set(point);
+      return this.asked;
+    }
+
+    outputs() { return [...this.doubles(this.calls.outputs(), this.own.sizes.outputs)]; }
+
+    theta(point = null) { return this.doubles(this.calls.theta(point ? this.point(point) : 0), this.own.sizes.terms).slice(); }
+  }
+
+  class Model {
+    static async of(tree, arrays) { return new Model(tree, arrays, await Kernel.of(tree, arrays)); }
+
+    constructor(tree, arrays, kernel) {
+      Object.assign(this, { tree, arrays, kernel, m: tree.m, terms: kernel.own.sizes.terms, last: null, statuses: null });
+      this.count = kernel.own.sizes.motions;
+      this.lastMotions = kernel.calls.room(8 * this.count);
+    }
+
+    /* Initial statuses of bodies that contact alone holds: answers that are not unique then depend on the point only. */
+    first() {
+      const { lower, upper } = this.tree;
+      return (this.statuses ??= this.touched(lower.map((low, k) => (low + upper[k]) / 2), null)?.active ?? null);
+    }
+
+    /* The answer at a point; initial statuses are those of the last answer. */
+    solve(point, start = this.count ? this.first() : this.last) {
+      const found = this.touched(point, start);
+      this.last = found && found.active;
+      return found ?? this.nothing(point);
+    }
+
+    /* The same from some statuses, or without any from those of the free slack; null without an answer. */
+    touched(point, start) {
+      const { kernel, m } = this, { calls } = kernel;
+      if (start) kernel.bytes(calls.active(), m).set(start);
+      if (!calls.solve(kernel.point(point), start ? 1 : 0)) return null;
+      return { point: [...point], converged: true, forces: kernel.doubles(calls.forces(), m).slice(), active: kernel.bytes(calls.active(), m).slice(),
+        motions: this.count ? [...kernel.doubles(calls.motions(), this.count)] : undefined, theta: kernel.theta(), outputs: kernel.outputs() };
+    }
+
+    nothing(point) {
+      this.last = null;
+      const nan = new Float64Array(this.m).fill(NaN);
+      return { point, active: new Uint8Array(this.m), forces: nan, theta: this.kernel.theta(point), converged: false };
     }
 
     /* S, (m, m), the free slack, and the gaps of undeformed bodies, (m,) each, at a point. */
-    /* True if the elastic constants are admissible at a point: interpolation does not evaluate them. */
-    possible(point) {
-      return this.tree.limits.every(({ steps, low, high }) => {
-        const value = formula(steps, point);
-        return value > low && value < (high ?? Infinity);
-      });
+    contact(point) {
+      const { kernel, m } = this, { calls } = kernel;
+      calls.contact(kernel.point(point));
+      const schur = kernel.doubles(calls.schur(), m * m).slice(), slack = kernel.doubles(calls.slack(), m).slice();
+      return { schur, slack, theta: kernel.theta(), opened: kernel.doubles(calls.opened(), m).slice() };
     }
 
-    contact(point) {
-      const theta = this.theta(point), m = this.m, T = this.terms, slack = new Float64Array(m);
-      if (!this.possible(point)) theta.fill(NaN); // there are no statuses for a slack that is not a number
-      if (this.constantSchur) {
-        const free = this.arrays[this.tree.free_slack];
-        for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += free[i * T + t] * theta[t];
-        return { schur: this.constantSchur, slack, theta, driving: this.floating?.driven(theta) };
-      }
-      let gaps = this.arrays[this.tree.gaps];
-      if (this.tree.reshaped) {
-        const along = this.along(this.tree.reshaped, point), modes = this.arrays[this.tree.reshaped.modes];
-        gaps = new Float64Array(m * T);
-        along.forEach((a, k) => { for (let i = 0; i < m * T; i++) gaps[i] += a * modes[k * m * T + i]; });
-      }
-      for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += gaps[i * T + t] * theta[t];
-      const schur = new Float64Array(m * m), opened = slack.slice();
-      for (const part of this.tree.parts) this.add(part, point, theta, schur, slack);
-      return { schur, slack, theta, opened };
+    /* Components of the interpolation of a part along its modes. */
+    along(number, point) {
+      const { kernel } = this, rank = this.arrays[this.tree.parts[number].weights].shape[0];
+      return kernel.doubles(kernel.calls.along(number, kernel.point(point)), rank).slice();
     }
 
     compliance(part, point) {
       return part.factor ? 1 / formula(part.factor, point) : 1;
     }
 
-    /* Add one connected component to S and to the free slack. */
-    add(part, point, theta, schur, slack) {
-      const along = this.along(part, point), modes = this.arrays[part.modes], own = this.arrays[part.conditions];
-      const m = this.m, c = own.length, half = (c * (c + 1)) / 2, r = along.length, columns = this.arrays[part.columns];
-      const compliance = this.compliance(part, point);
-      const sum = new Float64Array(half);
-      for (let k = 0; k < r; k++) for (let i = 0; i < half; i++) sum[i] += compliance * along[k] * modes[k * half + i];
-      for (let i = 0, k = 0; i < c; i++) for (let j = 0; j <= i; j++, k++) {
-        schur[own[i] * m + own[j]] += sum[k];
-        if (i !== j) schur[own[j] * m + own[i]] += sum[k];
-      }
-      this.arrays[part.terms].forEach((term, t) => {
-        const weight = theta[term] * (t < part.forced ? compliance : -1);
-        if (weight !== 0) for (let i = 0; i < c; i++) {
-          let moved = 0;
-          for (let k = 0; k < r; k++) moved += columns[(t * c + i) * r + k] * along[k];
-          slack[own[i]] -= weight * moved;
-        }
-      });
-    }
-
-    /* Forces and slack for given statuses; null if their set is singular. */
-    equalities(contact, active) {
-      if (contact.driving) return this.floating.equalities(contact, active);
-      const { schur, slack } = contact;
-      const m = this.m, index = [];
-      for (let i = 0; i < m; i++) if (active[i]) index.push(i);
-      const n = index.length, forces = new Float64Array(m), left = Float64Array.from(slack);
-      if (!n) return { forces, left };
-      const a = new Float64Array(n * n), pivots = new Int32Array(n), x = new Float64Array(n);
-      for (let i = 0; i < n; i++) {
-        x[i] = -slack[index[i]];
-        for (let j = 0; j < n; j++) a[i * n + j] = schur[index[i] * m + index[j]];
-      }
-      if (!factor(a, n, pivots)) return null;
-      solved(a, n, pivots, x);
-      for (let i = 0; i < n; i++) forces[index[i]] = x[i];
-      for (let i = 0; i < m; i++) for (let j = 0; j < n; j++) left[i] += schur[i * m + index[j]] * x[j];
-      for (const i of index) left[i] = 0;
-      return { forces, left };
-    }
-
-    /* Conditions that pull or penetrate by more than round-off of their contact. */
-    wrong(forces, left, slack) {
-      const group = (i) => (this.groups ? this.groups[i] : 0), force = {}, size = {};
-      let most = 0, closing = 0;
-      for (let i = 0; i < this.m; i++) {
-        const g = group(i);
-        force[g] = Math.max(force[g] ?? -Infinity, forces[i]);
-        size[g] = Math.max(size[g] ?? 0, Math.abs(slack[i]));
-        most = Math.max(most, forces[i]);
-        closing = Math.max(closing, -slack[i]);
-      }
-      const found = [], several = Object.keys(force).length > 1;
-      for (let i = 0; i < this.m; i++) {
-        const pulling = TOLERANCE * force[group(i)] + (several ? ROUND_OFF * most : 0);
-        const through = TOLERANCE * size[group(i)] + (several ? ROUND_OFF * closing : 0);
-        if (forces[i] < -pulling || left[i] < -through) found.push(i);
-      }
-      return found;
-    }
-
-    /* The answer at a point; initial statuses are those of the last answer. */
-    solve(point, start = this.floating ? this.floating.first() : this.last) {
-      const contact = this.contact(point), found = (this.floating ?? this).touched(contact, start);
-      this.last = found && found.active;
-      return found ? { point, contact, theta: contact.theta, converged: true, ...found } : this.nothing(point);
-    }
-
-    /* Active set: all wrong statuses at once, or, if sets repeat, the first wrong one alone (Murty 1974). */
-    touched(contact, start) {
-      if (!contact.slack.every(Number.isFinite)) return null;
-      let active = start ? Uint8Array.from(start) : Uint8Array.from(contact.slack, (s) => (s < 0 ? 1 : 0)), one = false;
-      const seen = new Set();
-      for (let iteration = 1; iteration <= MOST; iteration++) {
-        const found = this.equalities(contact, active);
-        if (!found) {
-          if (one) return null;
-          one = true;
-          active = new Uint8Array(this.m);
-          seen.clear();
-          continue;
-        }
-        const wrong = this.wrong(found.forces, found.left, contact.slack);
-        if (!wrong.length) {
-          if (!found.forces.every(Number.isFinite)) return null;
-          return { active, forces: found.forces, slack: found.left, motions: found.motions, iterations: iteration };
-        }
-        const key = active.join("");
-        if (seen.has(key)) {
-          if (one) return null;
-          one = true;
-          seen.clear();
-        }
-        seen.add(key);
-        active = Uint8Array.from(active);
-        for (const i of one ? wrong.slice(0, 1) : wrong) active[i] ^= 1;
-      }
-      return null;
-    }
-
-    nothing(point) {
-      this.last = null;
-      const nan = new Float64Array(this.m).fill(NaN);
-      return { point, active: new Uint8Array(this.m), forces: nan, slack: nan, theta: this.theta(point), converged: false };
-    }
-
     outputs(answer) {
-      return this.tree.outputs.map((item) => (answer.converged ? this.output(item, answer) : NaN));
-    }
-
-    output(item, answer) {
-      const { forces, theta, motions } = answer;
-      if (item.kind === "linear") {
-        const [pushed, loaded] = [dot(this.arrays[item.forces], forces), dot(this.arrays[item.terms], theta)];
-        return pushed + loaded + (item.motions ? dot(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
-      }
-      if (item.kind === "quadratic") { // second derivatives along forces and θ, their lower half by rows
-        const half = this.arrays[item.half], along = [...forces, ...theta];
-        return along.reduce((sum, x, i) => {
-          const first = i * (i + 1) / 2;
-          let slope = half[first + i] * x / 2;
-          for (let j = 0; j < i; j++) slope += half[first + j] * along[j];
-          return sum + slope * x;
-        }, 0);
-      }
-      const places = this.arrays[item.conditions], areas = this.arrays[item.areas], counted = this.arrays[item.counted];
-      let most = -Infinity;
-      places.forEach((place, k) => { most = Math.max(most, forces[place] / areas[k]); });
-      if (item.kind === "largest") return most;
-      let loaded = 0;
-      places.forEach((place, k) => { if (most > 0 && forces[place] / areas[k] > item.least * most) loaded += counted[k]; });
-      return item.offset + item.factor * loaded;
+      return answer.converged ? answer.outputs : this.tree.outputs.map(() => NaN);
     }
 
     /* Derivatives of the outputs along the parameters at constant statuses, by central differences: (outputs, P). */
@@ -328,17 +204,20 @@ const hhr = (() => {
       lower.forEach((low, axis) => {
         const step = STEP * (upper[axis] - low), here = answer.point[axis]; // no step leaves the box
         const places = [Math.max(low, here - step), Math.min(upper[axis], here + step)];
-        const ends = places.map((place) => {
-          const point = answer.point.slice();
-          point[axis] = place;
-          const contact = this.contact(point), there = this.equalities(contact, answer.active) ?? this.floating?.near(contact, answer);
-          if (!there || !there.forces.every(Number.isFinite)) return null;
-          return this.outputs({ converged: true, forces: there.forces, theta: contact.theta, motions: there.motions });
-        });
+        const ends = places.map((place) => this.again(answer, answer.point.map((x, k) => (k === axis ? place : x))));
         const width = places[1] - places[0];
         found.forEach((row, k) => row.push(ends[0] && ends[1] ? (ends[1][k] - ends[0][k]) / width : NaN));
       });
       return found;
+    }
+
+    /* Outputs at another point for the statuses of an answer; null if they are not determined. */
+    again({ active, motions, converged }, point) {
+      const { kernel } = this;
+      if (!converged) return null;
+      kernel.bytes(kernel.calls.active(), this.m).set(active);
+      if (motions) kernel.doubles(this.lastMotions, motions.length).set(motions);
+      return kernel.calls.again(kernel.point(point), this.lastMotions) ? kernel.outputs() : null;
     }
 
     /* Displacement of the drawn nodes, node by node; null if the page has no map to it. */
@@ -404,7 +283,7 @@ const hhr = (() => {
     }
   }
 
-  return { decoded, Model, formula, factor, solved, dot };
+  return { decoded, Kernel, Model, formula, dot };
 })();
 
 if (typeof module !== "undefined") module.exports = hhr;

@@ -15,7 +15,7 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
-from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed, page_of
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed
 from hhr_dolfinx.plugins.pages.packing import Packed
 from hhr_dolfinx.plugins.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
@@ -29,11 +29,9 @@ DRAWN = 12_000
 """Most nodes of the drawn mesh."""
 SCRIPTS = 150_000
 """Most bytes of a page without its arrays."""
-_SCRIPTS = "model bound law floating programs flow path drawing plots field view".split()
+_SCRIPTS = "model bound steps flow path drawing plots field view".split()
 PARTS = ("page.css", *(f"{name}.js" for name in _SCRIPTS))
 """Files that replace their names in ``page.html``."""
-LAW = "law.js"
-"""Place of the script of a law of interfaces, which its plug-in has."""
 LOOKED_AT = 100
 """Random points at which the error shown on a page is estimated."""
 
@@ -118,10 +116,9 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    needed = dict.fromkeys(("programs.js", "flow.js"), flows(model))
-    needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
-    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS if part != LAW}
-    marked[f"/*{LAW}*/"] = page_of(model.law, "a page").script.read_text("utf-8") if model.law.plugin else ""
+    needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
+    needed |= {"bound.js": tree["bound"] is not None}
+    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
     return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
@@ -133,7 +130,7 @@ def error_of(model: Any) -> dict[str, Any]:
         return {"kind": "history", "pressure": None, "forces": None, "points": 0}
     if model.fields.exact:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
-    if model.fields.bound is None or model.law.remembers:  # errors of increments are unknown
+    if model.fields.bound is None or model.law.plugin:  # it is that of unilateral contact
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
     found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}

@@ -1,20 +1,20 @@
 "use strict";
 /* View of a page: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
 
-(() => {
+(async () => {
   const { style, said, exactly, unit, element, prepared, colour } = drawing;
   const data = JSON.parse(document.getElementById("data").textContent);
-  const arrays = hhr.decoded(data.arrays), tree = data.tree, model = new hhr.Model(tree, arrays);
+  const arrays = hhr.decoded(data.arrays), tree = data.tree, model = await hhr.Model.of(tree, arrays);
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
   const points = arrays[scenery.points], places = arrays[scenery.contact_points], areas = arrays[scenery.areas];
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
   const units = words.units ?? {}, labels = tree.names.map((name) => name + unit(Object.hasOwn(units, name) ? units[name] : ""));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
-  const flowing = tree.flow ? new hhr.Flowing(model) : null, sliding = flowing ? flowing.rubs : tree.friction ? new hhr.Sliding(model) : null;
-  if (tree.floating) new hhr.Floating(model);
+  const flowing = tree.flow ? new hhr.Flow(model) : null, marching = tree.path ? new hhr.Steps(model) : null;
+  const sliding = tree.friction && Object.fromEntries(["normal", "tangential", "owner", "tangents"].map((name) => [name, arrays[tree.friction[name]]]));
   const bound = tree.bound ? new hhr.Bound(model) : null;
-  const marching = flowing ?? sliding, past = new ways.Past(marching ? Infinity : 500); // a path without its beginning is another path
-  const presses = (i) => !sliding || sliding.pressing[i];
+  const past = new ways.Past(marching ? Infinity : 500); // a path without its beginning is another path
+  const presses = (i) => !sliding || !sliding.tangential.includes(i);
   let point = fromAddress(), answer = null, state = null, error = null; // the last is of the answer, if it has a bound
 
   function fromAddress() {
@@ -334,7 +334,7 @@
     if (drawn.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
     ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
       moved: (next) => { point = next; at("wrong").textContent = ""; changed(); } });
-    at("memory").textContent = marching ? `What has ${[sliding && "slipped", flowing && "flowed"].filter(Boolean).join(" and ")} is remembered: each move goes on from where the path is${flowing ? ", in increments of a fortieth of the box" : ""}. An address, and laws that change, begin anew, loaded in proportion.` : "";
+    at("memory").textContent = marching ? `What has ${[sliding && "slipped", flowing && "flowed", !sliding && !flowing && "changed in contacts"].filter(Boolean).join(" and ")} is remembered: each move goes on from where the path is${flowing ? ", in increments of a fortieth of the box" : ""}. An address, and laws that change, begin anew, loaded in proportion.` : "";
     if (!marching) return;
     for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
     at("over").append(element("option", "increments", { value: "" }));
@@ -342,7 +342,7 @@
     if (drawn.length === 1) at("over").value = drawn[0];
     for (const id of ["over", "drawn"]) at(id).addEventListener("input", showWay);
     at("anew").addEventListener("click", () => { state = null; changed(); });
-    if (flowing?.rated) readyPace();
+    if (marching.rated) readyPace();
     at("keep").addEventListener("click", () => copied(past.table(tree.names)));
   }
 
@@ -350,8 +350,8 @@
   function readyPace() {
     for (const id of ["pace", "hold"]) at(id).hidden = false;
     at("seconds").addEventListener("change", () => {
-      if (Number(at("seconds").value) > 0) flowing.seconds = Number(at("seconds").value);
-      at("seconds").value = flowing.seconds;
+      if (Number(at("seconds").value) > 0) marching.seconds = Number(at("seconds").value);
+      at("seconds").value = marching.seconds;
     });
     at("hold").addEventListener("click", () => changed());
   }
@@ -384,4 +384,7 @@
   showParameters();
   solve();
   window.page = { model, tree, marching, past, at: (values) => { point = values; changed(); } };
-})();
+})().catch((error) => {
+  document.getElementById("wrong").textContent = `This browser computes nothing of this page: ${error.message}`;
+  throw error;
+});

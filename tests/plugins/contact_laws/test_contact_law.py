@@ -203,19 +203,12 @@ def _store(full):
     return hhr.compute_snapshots(full, [PATH])
 
 
-def page(full, path):
-    from hhr_dolfinx.plugins.pages.arrays import check_model
-
-    check_model(hhr.condense(full))
-
-
 def fields(full, path):
     hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1])
 
 
 REFUSING = [
     pytest.param(fields, "not built in", marks=needs("checks")),
-    pytest.param(page, r"a page of contacts with wear .* it has no facet 'page'", marks=needs("pages")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")),
 ]

@@ -196,15 +196,8 @@ def fields(full, path):
     hhr.write_fields(path / "a.vtu", full, full.solve(0.02))
 
 
-def page(full, path):
-    from hhr_dolfinx.plugins.pages.arrays import check_model
-
-    check_model(hhr.condense(full))
-
-
 REFUSING = [
     pytest.param(fields, "no facet 'report'", marks=needs("checks")),
-    pytest.param(page, "a page of contacts with a gasket is not built in", marks=needs("pages")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
     pytest.param(deck, r"a deck of contacts with gasket .* it has no facet 'deck'", marks=needs("exporters")),
 ]

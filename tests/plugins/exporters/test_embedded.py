@@ -22,6 +22,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.plugins.exporters import c_header, fmu
 from hhr_dolfinx.plugins.pages.arrays import contact_tree
+from hhr_dolfinx.plugins.pages.kernel import kernel_file
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.trained import TrainedRange
 
@@ -180,7 +181,7 @@ def test_a_unit_says_which_input_it_refuses(tmp_path):
 def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
     formulas = [c_header.formula(steps_of(scalar)) for scalar in test_pages.FORMULAS]
     own = "\n".join(f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas))
-    helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
+    helpers = kernel_file("kernel.h").partition("/*DATA*/")[0]
     (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
     subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
     made = ctypes.CDLL(str(tmp_path / "f.so"))

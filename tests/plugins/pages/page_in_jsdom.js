@@ -61,6 +61,11 @@ function seen() {
   return { texts, table, canvases, inputs, labels, hidden, hash: window.location.hash, copied: window.copied, converged: document.documentElement.dataset.converged };
 }
 
-const found = [seen()];
-for (const [kind, ...given] of acts) { ACTS[kind](...given); found.push(seen()); }
-process.stdout.write(JSON.stringify({ found, errors }), () => process.exit()); // not before all of it is written
+/* The kernel of the page is compiled in the background. */
+async function acted() {
+  while (!window.page && !errors.length) await new Promise((later) => setTimeout(later, 5));
+  const found = [seen()];
+  for (const [kind, ...given] of acts) { ACTS[kind](...given); found.push(seen()); }
+  process.stdout.write(JSON.stringify({ found, errors }), () => process.exit()); // not before all of it is written
+}
+acted();

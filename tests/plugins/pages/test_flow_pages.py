@@ -13,7 +13,7 @@ import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
 from scenes import pressed_pair, slope, space
-from test_pages import CHROMIUM, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
+from test_pages import CHROMIUM, ENDED, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
 from toy_law import Ludwik
 
 import hhr_dolfinx as hhr
@@ -32,17 +32,18 @@ from hhr_dolfinx.plugins.pages.scenery import thinned
 ALONG = (
     LOADED
     + """
-const flow = new hhr.Flowing(model);
-let state = flow.rest(path[0]);
+const flow = new hhr.Flow(model), steps = new hhr.Steps(model);
+let state = steps.rest(path[0]);
 for (const point of path.slice(1)) {
-  state = flow.reached(state, point);
+  state = steps.reached(state, point);
   found.push({ forces: [...state.forces], cumulated: [...state.cumulated], outputs: model.outputs(state),
     estimate: flow.estimate(state), field: [...model.displacement(state)], strained: [...flow.strained(state)],
     stress: [...model.stress(state)] });
 }
-const begun = points.map((point) => flow.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
-console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
+const begun = points.map((point) => steps.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
+console.log(JSON.stringify({ found, begun, fixed: steps.fixed }));
 """
+    + ENDED
 )
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
@@ -130,7 +131,7 @@ def cycle(young, top=0.05):
 def marched(model, scenery, path, points=()):
     """A path and some first loads as a page answers them in node."""
     given = {"path": [point.tolist() for _, point in path], "points": [list(point) for point in points]}
-    return node(ALONG, MODEL, MODEL.with_name("flow.js"), page=page.page_text(model, scenery), **given)
+    return node(ALONG, MODEL, page=page.page_text(model, scenery), **given)
 
 
 def behind(model, scenery):
@@ -248,14 +249,20 @@ def test_moduli_stay_within_a_history_of_whatever_body():
 def test_beyond_the_limit_load_there_is_no_answer():
     """Strains that are no small ones: Python refuses the step, and so does the page."""
     full, model = pair()
-    program = ALONG.split("let state")[0] + (
-        "const count = flow.points, sizes = [0.5, 1.5, 200].map((size) => {\n"
-        "  const strain = new Float64Array(flow.size);\n  strain[count] = -size;\n"
-        "  const alone = flow.small(strain);\n  strain.fill(size);\n  return [alone, flow.small(strain)];\n});\n"
-        "console.log(JSON.stringify(sizes));"
+    program = (
+        ALONG.split("let state")[0]
+        + (
+            "const count = flow.points, { calls } = model.kernel;\n"
+            "const strain = model.kernel.doubles(calls.strain(), flow.components * count);\n"
+            "const small = () => calls.small() === 1, sizes = [0.5, 1.5, 200].map((size) => {\n"
+            "  strain.fill(0);\n  strain[count] = -size;\n"
+            "  const alone = small();\n  strain.fill(size);\n  return [alone, small()];\n});\n"
+            "console.log(JSON.stringify(sizes));"
+        )
+        + ENDED
     )
     text = page.page_text(model, hhr.scenery_of(full))
-    found = node(program, MODEL, MODEL.with_name("flow.js"), page=text, path=[], points=[])
+    found = node(program, MODEL, page=text, path=[], points=[])
     points = model.flow.points.size
     # one point alone may be strained where there are a hundred and more
     alone = points >= 200

@@ -40,21 +40,18 @@ from hhr_dolfinx.plugins.pages.scenery import thinned
 MODEL = Path(page.__file__).with_name("model.js")
 NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-FRICTION = MODEL.parents[1] / "friction" / "friction.js"
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
 LOADED = """
-const fs = require("fs"), hhr = require(process.argv[1]);
-if (process.argv[2]) require(process.argv[2]);
+const fs = require("fs"), hhr = global.hhr = require(process.argv[1]);
+for (const part of ["bound", "steps", "flow"]) require(process.argv[1].replace("model.js", part + ".js"));
 const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
 const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
-const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), found = [];
+const loaded = hhr.Model.of(data.tree, hhr.decoded(data.arrays)), found = [];
+loaded.then((model) => {
 """
+"""Beginning of a program of node with the scripts and the data of a page; ENDED is its end."""
+ENDED = "}).catch((error) => { console.error(error); process.exit(1); });"
 PROGRAM = """
-global.hhr = hhr;
-for (const part of ["floating", "bound"]) {
-  if (data.tree[part]) require(process.argv[1].replace("model.js", part + ".js"));
-}
-if (data.tree.floating) new hhr.Floating(model);
 const bound = data.tree.bound && new hhr.Bound(model);
 const answers = points.map((point) => {
   const answer = model.solve(point), field = model.displacement(answer);
@@ -78,13 +75,13 @@ def node(program, *files, **asked):
 
 def answered(model, scenery, points):
     """What a page answers in node, point by point."""
-    return node(LOADED + PROGRAM, MODEL, page=page.page_text(model, scenery), points=points.tolist())
+    return node(LOADED + PROGRAM + ENDED, MODEL, page=page.page_text(model, scenery), points=points.tolist())
 
 
 def along(model, scenery, path, points=()):
     """What a page with friction finds along a path, and at points that are loaded in proportion."""
     given = {"path": np.array(path, float).tolist(), "points": np.array(points, float).tolist()}
-    return node(ALONG, MODEL, FRICTION, page=page.page_text(model, scenery), **given)
+    return node(ALONG, MODEL, page=page.page_text(model, scenery), **given)
 
 
 def data_of(text):
@@ -576,7 +573,7 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
 ALONG = (
     LOADED
     + """
-const sliding = new hhr.Sliding(model);
+const sliding = new hhr.Steps(model);
 let state = sliding.rest(path[0]);
 for (const point of path.slice(1)) {
   state = sliding.reached(state, point);
@@ -584,10 +581,11 @@ for (const point of path.slice(1)) {
   const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
   found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
 }
-const loaded = points.map((point) => sliding.begun(point));
+const begun = points.map((point) => sliding.begun(point));
 const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
-console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
+console.log(JSON.stringify({ found, loaded: begun.map(told) }));
 """
+    + ENDED
 )
 
 

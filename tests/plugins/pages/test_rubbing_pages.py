@@ -13,7 +13,7 @@ from mpi4py import MPI
 from needs import needs
 from scenes import slope, space
 from sheared import FIRST, SECOND, round_block, rubbing
-from test_pages import FRICTION, LOADED, MODEL, check_field, check_increment, drawn_field, in_node, in_space, node
+from test_pages import ENDED, LOADED, MODEL, check_field, check_increment, drawn_field, in_node, in_space, node
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
@@ -23,11 +23,8 @@ from hhr_dolfinx.plugins.pages import page
 PROGRAM = (
     LOADED
     + """
-global.hhr = hhr;
-const floats = data.tree.floating !== null;
-if (floats) { require(process.argv[1].replace("model.js", "floating.js")); new hhr.Floating(model); }
-else require(process.argv[1].replace("model.js", "flow.js"));
-const steps = floats ? new hhr.Sliding(model) : new hhr.Flowing(model);
+const floats = data.tree.floating !== null, steps = new hhr.Steps(model);
+if (!floats) new hhr.Flow(model);
 let state = steps.rest(path[0]);
 for (const point of path.slice(1)) {
   state = steps.reached(state, point);
@@ -38,6 +35,7 @@ for (const point of path.slice(1)) {
 const ends = points.map((point) => [...steps.begun(point).at(-1).forces]);
 console.log(JSON.stringify({ found, ends, fixed: steps.fixed }));
 """
+    + ENDED
 )
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
@@ -113,7 +111,7 @@ def rubbing_flow(name):
 
 def in_node_along(model, scenery, path, points=()):
     given = {"path": [point.tolist() for point in path], "points": [list(point) for point in points]}
-    return node(PROGRAM, MODEL, FRICTION, page=page.page_text(model, scenery), **given)
+    return node(PROGRAM, MODEL, page=page.page_text(model, scenery), **given)
 
 
 @needs("friction", "floating")

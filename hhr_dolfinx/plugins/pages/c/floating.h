@@ -1,6 +1,6 @@
 
 /* Bodies with rigid motions q as unknowns in addition to forces, slack = free slack + S x - G q, G^T x = driving;
-   as in floating.js. */
+   as in contact/floating.py. */
 #define MODEL_SINGULAR 1e-8
 #define MODEL_UNBALANCED 1e-13
 #define MODEL_BALANCED 1e-12

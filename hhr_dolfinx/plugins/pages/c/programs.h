@@ -1,5 +1,6 @@
 
-/* Laws of bodies at a point: the machine for their programs, and Newton's method for their unknowns, as in programs.js. */
+/* Laws of bodies at a point: the machine for their programs, and Newton's method for their unknowns, as in
+   plugins/inelastic/local_solver.py. */
 #define MODEL_LOCAL 60 /* most Newton iterations for the unknowns of a point */
 #define MODEL_SHARED (1.0 / 4096) /* least part of a Newton step that the line search tries */
 #define MODEL_SOLVED 1e-9 /* a point is solved by a Newton step below this part of its unknowns */
@@ -9,10 +10,27 @@ enum { MODEL_TRIAL, MODEL_STARTED, MODEL_RESIDUAL, MODEL_AFTER, MODEL_SLOPES, MO
 
 /* Results at a point, and work arrays. */
 typedef struct {
-    double work[MODEL_REGISTERS], stress[MODEL_COMPONENTS], memory[MODEL_MEMORY], tangent[MODEL_COMPONENTS * MODEL_COMPONENTS];
-    double factors[MODEL_UNKNOWNS * MODEL_UNKNOWNS], step[MODEL_UNKNOWNS], here[MODEL_UNKNOWNS];
-    int pivots[MODEL_UNKNOWNS], solved;
+    double *block, *work, *stress, *memory, *tangent, *factors, *step, *here;
+    int *pivots, solved;
 } model_place;
+
+static inline void model_place_free(model_place *p) {
+    if (!p) return;
+    free(p->block), free(p->pivots), free(p);
+}
+
+static inline model_place *model_place_new(void) {
+    const size_t c = MODEL_COMPONENTS, n = MODEL_UNKNOWNS;
+    model_place *p = calloc(1, sizeof *p);
+    if (!p) return NULL;
+    const model_row rows[] = {{&p->work, MODEL_REGISTERS}, {&p->stress, c}, {&p->memory, MODEL_MEMORY}, {&p->tangent, c * c},
+                              {&p->factors, n * n}, {&p->step, n}, {&p->here, n}};
+    size_t size;
+    p->block = model_block(MODEL_ROWS(rows), 0, &size), p->pivots = malloc(n * sizeof(int));
+    if (p->block && p->pivots) return p;
+    model_place_free(p);
+    return NULL;
+}
 
 static inline double model_operation(int code, double a, double b, double c) {
     switch (code) { /* in the order of their numbers in programs.graph */
@@ -85,7 +103,8 @@ static inline void model_set_slope(const model_program *law, const model_place *
 /* 1 if the last step is as small as a change of the strain by round-off makes it, as where a point is about to yield. */
 static inline int model_round_off(const model_program *law, model_place *p) {
     const int c = MODEL_COMPONENTS, n = law->unknowns;
-    double column[MODEL_UNKNOWNS], noise[MODEL_UNKNOWNS] = {0}, scale = 0;
+    double column[MODEL_UNKNOWNS], noise[MODEL_UNKNOWNS], scale = 0;
+    memset(noise, 0, sizeof noise);
     for (int i = 0; i < n; i++) p->work[c + i] = p->here[i] + p->step[i];
     model_run(law, MODEL_AFTER, p->work);
     model_run(law, MODEL_SLOPES, p->work);

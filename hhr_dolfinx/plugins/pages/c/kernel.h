@@ -24,14 +24,20 @@
 #include <stdlib.h>
 #include <string.h>
 
+#ifndef MODEL_AT /* a page has other ones */
+typedef double (*model_function)(const double *); /* of the parameters */
+#define MODEL_AT(function, point) (function)(point)
+#define MODEL_REACHED(state) (void)(state) /* a state of proportional loading */
+#endif
+
 typedef struct {
-    double (*value)(const double *); /* a formula, or a pressure up to a parameter: */
+    model_function value; /* a formula, or a pressure up to a parameter: */
     const double *positions, *slopes;
     double constant;
     int count, degree, extent;
 } model_amplitude;
 typedef struct { /* an elastic constant, and the open interval in which it must lie */
-    double (*value)(const double *);
+    model_function value;
     double low, high;
     int count;
 } model_limit;
@@ -42,7 +48,7 @@ typedef struct {
 } model_interpolant;
 typedef struct {
     model_interpolant interpolant;
-    double (*factor)(const double *);
+    model_function factor;
     const int *conditions, *terms;
     const double *columns;
     int count, terms_count, forced;
@@ -69,10 +75,10 @@ static inline double model_table(int count, const double *values) {
 }
 
 typedef struct {
-    double (*coefficient)(const double *), (*limit)(const double *); /* of friction; NULL without a bound */
+    model_function coefficient, limit; /* of friction; NULL without a bound */
 } model_law;
 typedef struct {
-    double (*value)(const double *);
+    model_function value;
 } model_modulus;
 typedef struct { /* a law of bodies as a program: rows of an operation, its result and its operands; see programs.h */
     const int *rows, *ends, *outputs, *output_ends, *kinds;
@@ -80,7 +86,7 @@ typedef struct { /* a law of bodies as a program: rows of an operation, its resu
     int unknowns, memory, constants, numbers_count, limited;
 } model_program;
 typedef struct {
-    double (*const *constants)(const double *); /* E, the ratio of Poisson, and those of its law */
+    const model_function *constants; /* E, the ratio of Poisson, and those of its law */
     const double *places;                       /* of its points, if constants vary in space */
     const double *grading;                      /* factor of C at its points; NULL for 1 */
     const double *elastic, *compliance;         /* C and C^-1 in the middle of the box, for the grading 1 */
@@ -88,7 +94,16 @@ typedef struct {
     int points, constants_count, coordinates;
 } model_body;
 
+typedef struct { /* a law on some conditions: its number, 0 for unilateral contact and -1 for friction */
+    const int *rows;
+    const double *numbers;          /* of each row, (count, width) */
+    const model_function *formulas; /* of the parameters */
+    int law, count, width, formulas_count, first_formula;
+    int memory, first, remembers; /* numbers for each row, and the first of them */
+} model_range;
+
 /*DATA*/
+#define MODEL_PATHS (MODEL_RUBS || MODEL_FLOWS || MODEL_REMEMBERS)
 
 /* CHANGED: a modulus or a law, within a path */
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
@@ -100,27 +115,47 @@ enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3
 #define MODEL_STEP 1e-5
 #define MODEL_KEPT 64
 
+/* Rows of numbers in one block, which starts with zeros and ends with some bytes; NULL without memory. */
 typedef struct {
-    double *schur, *slack, *theta, *factored, *forces, *left, *along, *sum, *gaps;
-#if MODEL_MOTIONS
-    double *whole, *right, *sprung, *moved, driving[MODEL_MOTIONS], motions[MODEL_MOTIONS];
+    double **row;
+    size_t count;
+} model_row;
+#define MODEL_ROWS(rows) (rows), sizeof(rows) / sizeof *(rows)
+static inline double *model_block(const model_row *rows, size_t count, size_t bytes, size_t *size) {
+    *size = bytes;
+    for (size_t k = 0; k < count; k++) *size += rows[k].count * sizeof(double);
+    double *block = calloc(1, *size), *next = block;
+    for (size_t k = 0; block && k < count; next += rows[k++].count) *rows[k].row = next;
+    return block;
+}
+
+#define model_copy(to, from) memcpy((to)->block, (from)->block, (to)->size)
+
+typedef struct {
+    double *block, *schur, *slack, *theta, *factored, *forces, *left, *along, *sum, *gaps;
+#if MODEL_FLOATS
+    double *whole, *right, *sprung, *moved, *driving, *motions;
     unsigned char *start;
     int held; /* by springs */
 #endif
     int *index, *pivots;
     unsigned char *active, *seen;
     int started;
+#if MODEL_RANGED
+    struct model_together *together;
+#endif
     const double *correction, *gives; /* of inelastic bodies */
 } model_work;
 
+#if MODEL_RANGED
+static inline void model_together_free(struct model_together *t);
+#endif
 static inline void model_free(model_work *w) {
     if (!w) return;
-    free(w->schur), free(w->slack), free(w->theta), free(w->factored), free(w->forces), free(w->left);
-    free(w->along), free(w->sum), free(w->gaps), free(w->index), free(w->pivots), free(w->active), free(w->seen);
-#if MODEL_MOTIONS
-    free(w->whole), free(w->right), free(w->sprung), free(w->moved), free(w->start);
+#if MODEL_RANGED
+    model_together_free(w->together);
 #endif
-    free(w);
+    free(w->block), free(w->index), free(w->pivots), free(w->active), free(w->seen), free(w);
 }
 
 /* Work arrays; NULL without memory. */
@@ -128,21 +163,23 @@ static inline model_work *model_new(void) {
     const size_t m = MODEL_CONDITIONS, t = MODEL_TERMS, n = m + MODEL_MOTIONS;
     model_work *w = calloc(1, sizeof *w);
     if (!w) return NULL;
-    w->schur = malloc(m * m * sizeof(double)), w->factored = malloc(n * n * sizeof(double));
-    w->slack = malloc(m * sizeof(double)), w->theta = malloc(t * sizeof(double));
-    w->forces = malloc(m * sizeof(double)), w->left = malloc(n * sizeof(double));
-    w->along = malloc(MODEL_LONGEST * sizeof(double)), w->sum = malloc(m * (m + 1) / 2 * sizeof(double));
-    w->gaps = malloc(m * t * sizeof(double)), w->index = malloc(m * sizeof(int)), w->pivots = malloc(n * sizeof(int));
-    w->active = malloc(m), w->seen = malloc(m * MODEL_KEPT);
-    int all = 1;
-#if MODEL_MOTIONS
-    w->whole = malloc(n * n * sizeof(double)), w->right = malloc(n * sizeof(double)), w->start = malloc(m);
-    w->sprung = malloc(m * m * sizeof(double)), w->moved = malloc(m * sizeof(double));
-    all = w->whole && w->right && w->start && w->sprung && w->moved;
+    const model_row rows[] = {{&w->schur, m * m}, {&w->factored, n * n}, {&w->slack, m}, {&w->theta, t}, {&w->forces, m},
+                              {&w->left, n}, {&w->along, MODEL_LONGEST}, {&w->sum, m * (m + 1) / 2}, {&w->gaps, m * t},
+#if MODEL_FLOATS
+                              {&w->whole, n * n}, {&w->right, n}, {&w->sprung, m * m}, {&w->moved, m},
+                              {&w->driving, MODEL_MOTIONS}, {&w->motions, MODEL_MOTIONS},
 #endif
-    if (all && w->schur && w->factored && w->slack && w->theta && w->forces && w->left && w->along && w->sum && w->gaps &&
-        w->index && w->pivots && w->active && w->seen)
+    };
+    size_t size;
+    w->block = model_block(MODEL_ROWS(rows), m, &size);
+    w->index = malloc(m * sizeof(int)), w->pivots = malloc(n * sizeof(int)), w->active = malloc(m);
+    w->seen = malloc(m * MODEL_KEPT);
+    if (w->block && w->index && w->pivots && w->active && w->seen) {
+#if MODEL_FLOATS
+        w->start = (unsigned char *)w->block + size - m;
+#endif
         return w;
+    }
     model_free(w);
     return NULL;
 }
@@ -177,7 +214,7 @@ static inline void model_set_theta(model_work *w, const double *point) {
     int place = MODEL_AFFINE;
     for (int k = 0; k < MODEL_OTHERS; k++) {
         const model_amplitude *item = &model_others[k];
-        if (item->value) w->theta[place++] = item->value(point);
+        if (item->value) w->theta[place++] = MODEL_AT(item->value, point);
         else place += model_coverage(item, point, w->theta + place);
     }
 }
@@ -203,7 +240,7 @@ static inline void model_set_along(const model_interpolant *part, const double *
 /* Add one connected component to S and to the free slack. */
 static inline void model_add(model_work *w, const model_part *part, const double *point) {
     const int m = MODEL_CONDITIONS, c = part->count, half = c * (c + 1) / 2, rank = part->interpolant.rank;
-    const double compliance = part->factor ? 1 / part->factor(point) : 1;
+    const double compliance = part->factor ? 1 / MODEL_AT(part->factor, point) : 1;
     model_set_along(&part->interpolant, point, w->along);
     memset(w->sum, 0, half * sizeof(double));
     for (int k = 0; k < rank; k++)
@@ -227,7 +264,7 @@ static inline void model_add(model_work *w, const model_part *part, const double
 /* 1 if the elastic constants are admissible at a point: interpolation does not evaluate them. */
 static inline int model_possible(const double *point) {
     for (int k = 0; k < MODEL_LIMITS; k++) {
-        const double value = model_limits[k].value(point);
+        const double value = MODEL_AT(model_limits[k].value, point);
         if (!(value > model_limits[k].low && value < model_limits[k].high)) return 0;
     }
     return 1;
@@ -255,7 +292,7 @@ static inline int model_set_contact(model_work *w, const double *point) {
         for (int t = 0; t < terms; t++) w->slack[i] += gaps[i * terms + t] * w->theta[t];
     }
     for (int k = 0; k < MODEL_PARTS; k++) model_add(w, &model_parts[k], point);
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     for (int j = 0; j < MODEL_MOTIONS; j++) {
         w->driving[j] = 0;
         for (int t = 0; t < terms; t++) w->driving[j] += model_driving[j * terms + t] * w->theta[t];
@@ -347,7 +384,7 @@ static inline void model_read(const model_work *w, double *outputs) {
         if (item->forces) {
             for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
             for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
             for (int j = 0; j < MODEL_MOTIONS && item->motions; j++) value += item->motions[j] * w->motions[j];
 #endif
 #if MODEL_FLOWS
@@ -363,7 +400,7 @@ static inline void model_read(const model_work *w, double *outputs) {
     }
 }
 
-#if MODEL_RUBS || MODEL_FLOWS
+#if MODEL_PATHS
 /* 1 if the fixed parameters of a path are inside the box at a point. */
 static inline int model_stays(const double *point) {
     for (int k = 0; k < MODEL_FIXED_COUNT; k++)
@@ -391,10 +428,13 @@ static inline void model_between(const double *from, const double *to, double sh
 /*FLOATING*/
 #if MODEL_RUBS
 /*FRICTION*/
-#else
+#endif
+#if MODEL_RANGED
+/*RANGES*/
+#elif !MODEL_RUBS
 /* Forces and slack for given statuses; 0 if their set is singular. */
 static inline int model_equalities(model_work *w) {
-#if MODEL_MOTIONS
+#if MODEL_FLOATS
     if (!w->held) return model_free_equalities(w);
 #endif
     const int m = MODEL_CONDITIONS;
@@ -471,8 +511,10 @@ static inline int model_settled(model_work *w) {
 
 #if MODEL_FLOWS
 /*FLOW*/
-#elif !MODEL_RUBS
+#elif !MODEL_PATHS
+#if !MODEL_RANGED
 /*SPRINGS*/
+#endif
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
    Initial statuses are those of the previous answer. */
 static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
@@ -482,9 +524,13 @@ static inline int model_solve(model_work *w, const double *point, double *forces
         w->started = 0;
         return MODEL_NO_ANSWER;
     }
+#if !MODEL_RANGED
     if (!w->started)
         for (int i = 0; i < MODEL_CONDITIONS; i++) w->active[i] = w->slack[i] < 0;
-#if MODEL_MOTIONS
+#endif
+#if MODEL_RANGED
+    w->started = model_answered_together(w, point);
+#elif MODEL_FLOATS
     w->started = model_held(w);
 #else
     w->started = model_settled(w);
@@ -496,12 +542,13 @@ static inline int model_solve(model_work *w, const double *point, double *forces
 }
 
 /* Derivatives of the outputs along the parameters, (MODEL_OUTPUTS, MODEL_PARAMETERS), by central differences on the
-   statuses of the last answer, which was at this point; if a status is about to change they are one-sided. */
+   statuses of the last answer, which was at this point; if a status is about to change they are one-sided. Those with laws of
+   plug-ins are differences of answers. */
 static inline int model_derivatives(model_work *w, const double *point, double *slopes) {
     double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
     if (!w->started) return MODEL_NO_ANSWER;
     memcpy(there, point, sizeof there);
-#if MODEL_MOTIONS
+#if MODEL_FLOATS && !MODEL_RANGED
     double motions[MODEL_MOTIONS];
     memcpy(motions, w->motions, sizeof motions);
 #endif
@@ -511,7 +558,9 @@ static inline int model_derivatives(model_work *w, const double *point, double *
         for (int end = 0; end < 2; end++) {
             there[k] = end ? high : low;
             if (!model_set_contact(w, there)) return MODEL_NO_ANSWER;
-#if MODEL_MOTIONS
+#if MODEL_RANGED
+            if (!model_answered_together(w, there)) return MODEL_NO_ANSWER;
+#elif MODEL_FLOATS
             if (!model_near(w, motions)) return MODEL_NO_ANSWER;
 #else
             if (!model_equalities(w)) return MODEL_NO_ANSWER;
@@ -526,7 +575,7 @@ static inline int model_derivatives(model_work *w, const double *point, double *
 }
 #endif
 
-#if MODEL_RUBS || MODEL_FLOWS
+#if MODEL_PATHS
 /* An increment from the current state to a point, with the moduli and laws of the beginning. Without convergence the state
    does not change. */
 static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {
@@ -536,7 +585,7 @@ static inline int model_go(model_path *p, const double *point, double *forces, d
     for (int k = 0; k < MODEL_FIXED_COUNT; k++)
         if (point[model_fixed[k]] != p->state->point[model_fixed[k]]) return MODEL_CHANGED;
     if (!model_reached(p, p->state, point, reached, 0)) return MODEL_NO_ANSWER;
-    *p->state = *reached;
+    model_copy(p->state, reached);
     return model_told(p, forces, outputs);
 }
 #endif

@@ -1,6 +1,6 @@
 
 /* Histories of inelastic bodies: plastic corrections and all contact forces of an increment, by Newton's method with a line
-   search, as in flow.js. Strains and memory are stored component by component. Where contacts rub, each correction has an
+   search, as in plugins/inelastic/condensed_step.py. Strains and memory are stored component by component. Where contacts rub, each correction has an
    increment of friction, see friction.h. */
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
@@ -14,24 +14,57 @@
 #define MODEL_ALONE 0.01 /* strains are not small: above 1 in more than this part of the points, */
 #define MODEL_RUNAWAY 100
 
+#if !MODEL_RUBS
+#define MODEL_SLIP_BYTES 0
+#endif
+
 /* State of a history. */
 typedef struct {
-    double point[MODEL_PARAMETERS], correction[MODEL_MODES], forces[MODEL_CONDITIONS];
-    double memory[MODEL_MEMORY * MODEL_POINTS]; /* inelastic strain, its cumulated amount, and further variables of laws */
-    double largest; /* denominator of errors of corrections */
-    unsigned char active[MODEL_CONDITIONS], elastic[MODEL_CONDITIONS];
-    int loaded; /* 1 if statuses are known */
+    double *block, *point, *correction, *forces;
+    double *memory;  /* inelastic strain, its cumulated amount, and further variables of laws */
+    double *largest; /* denominator of errors of corrections */
+    unsigned char *active, *elastic, *loaded; /* the last: 1 if statuses are known */
 #if MODEL_RUBS
     model_slip slip;
 #endif
+    size_t size;
 } model_state;
+
+/* Room for a state; 0 without memory. */
+static inline int model_state_new(model_state *s) {
+    const size_t m = MODEL_CONDITIONS;
+    const model_row rows[] = {{&s->point, MODEL_PARAMETERS}, {&s->correction, MODEL_MODES}, {&s->forces, m},
+                              {&s->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}, {&s->largest, 1},
+#if MODEL_RUBS
+                              MODEL_SLIP_ROWS(s->slip)
+#endif
+    };
+    s->block = model_block(MODEL_ROWS(rows), 2 * m + 1 + MODEL_SLIP_BYTES, &s->size);
+    if (!s->block) return 0;
+    s->active = (unsigned char *)s->block + s->size - (2 * m + 1 + MODEL_SLIP_BYTES);
+    s->elastic = s->active + m, s->loaded = s->elastic + m;
+#if MODEL_RUBS
+    s->slip.statuses = s->loaded + 1;
+#endif
+    return 1;
+}
 
 /* Results of an increment at a correction. */
 typedef struct {
-    double correction[MODEL_MODES], residual[MODEL_MODES], forces[MODEL_CONDITIONS], strain[MODEL_SIZE];
-    double memory[MODEL_MEMORY * MODEL_POINTS], merit;
-    unsigned char active[MODEL_CONDITIONS];
+    double *block, *correction, *residual, *forces, *strain, *memory, merit;
+    unsigned char *active;
 } model_trial;
+
+static inline model_trial *model_trial_new(void) {
+    model_trial *t = calloc(1, sizeof *t);
+    if (!t) return NULL;
+    const model_row rows[] = {{&t->correction, MODEL_MODES}, {&t->residual, MODEL_MODES}, {&t->forces, MODEL_CONDITIONS},
+                              {&t->strain, MODEL_SIZE}, {&t->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}};
+    size_t size;
+    t->block = model_block(MODEL_ROWS(rows), MODEL_CONDITIONS, &size);
+    t->active = (unsigned char *)t->block + size - MODEL_CONDITIONS;
+    return t;
+}
 
 typedef struct {
     model_work *room;
@@ -41,9 +74,9 @@ typedef struct {
 #endif
     model_trial *here, *next;
     model_place *place;
-    double *tested, *scale, *coupled, *constants, *slopes, *slack, *strain, *elastic, *sizes; /* of an increment */
-    double *jacobian, *inner, *columns, *under, *flowing, gives[MODEL_SHARES], weight, dt;
-    double compliances[MODEL_BODIES][MODEL_COMPONENTS * MODEL_COMPONENTS]; /* C^-1 of each body */
+    double *block, *tested, *scale, *coupled, *constants, *slopes, *slack, *strain, *elastic, *sizes; /* of an increment */
+    double *jacobian, *inner, *columns, *under, *flowing, *gives, weight, dt;
+    double *compliances; /* C^-1 of each body */
     double seconds; /* of an increment, or of the first load */
     int *order, *on, *places, tangent, known, begun, parts; /* the last: increments within the seconds */
 } model_path;
@@ -53,10 +86,12 @@ static inline void model_path_free(model_path *p) {
 #if MODEL_RUBS
     model_slider_free(p->slider);
 #endif
-    model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), free(p->place), free(p->tested), free(p->scale);
-    free(p->coupled), free(p->constants), free(p->slopes), free(p->slack), free(p->strain), free(p->elastic);
-    free(p->sizes), free(p->jacobian), free(p->inner), free(p->columns), free(p->under), free(p->flowing);
-    free(p->order), free(p->on), free(p->places), free(p);
+    for (int k = 0; p->pool && k < MODEL_HALVED + 2; k++) free(p->pool[k].block);
+    if (p->state) free(p->state->block);
+    if (p->here) free(p->here->block);
+    if (p->next) free(p->next->block);
+    model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), model_place_free(p->place);
+    free(p->block), free(p->order), free(p->on), free(p->places), free(p);
 }
 
 static inline double model_norm(const double *values, int count) {
@@ -84,27 +119,25 @@ static inline void model_set_tested(model_path *p) {
 
 /* A history that has not begun; NULL without memory. */
 static inline model_path *model_path_new(void) {
-    const size_t m = MODEL_CONDITIONS, ell = MODEL_MODES, size = MODEL_SIZE, n = MODEL_POINTS;
+    const size_t m = MODEL_CONDITIONS, ell = MODEL_MODES, size = MODEL_SIZE, n = MODEL_POINTS, c = MODEL_COMPONENTS;
     model_path *p = calloc(1, sizeof *p);
     if (!p) return NULL;
     p->room = model_new(), p->state = calloc(1, sizeof *p->state), p->pool = calloc(MODEL_HALVED + 2, sizeof *p->pool);
-    p->here = calloc(1, sizeof *p->here), p->next = calloc(1, sizeof *p->next);
-    p->place = calloc(1, sizeof *p->place), p->seconds = p->parts = 1;
-    const struct {
-        double **rows;
-        size_t count;
-    } wanted[] = {{&p->tested, ell * size}, {&p->scale, n},           {&p->coupled, ell * m},
-                  {&p->constants, n * MODEL_CONSTANTS}, {&p->slopes, size * MODEL_COMPONENTS}, {&p->slack, m},           {&p->strain, size},     {&p->elastic, m}, {&p->sizes, n},
-                  {&p->jacobian, ell * ell}, {&p->inner, m * m},      {&p->columns, ell * m}, {&p->under, ell * size},
-                  {&p->flowing, size}};
-    int all = p->room && p->state && p->pool && p->here && p->next && p->place;
-    for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
-        all = (*wanted[k].rows = calloc(wanted[k].count, sizeof(double))) && all;
+    p->here = model_trial_new(), p->next = model_trial_new(), p->place = model_place_new(), p->seconds = p->parts = 1;
+    const model_row rows[] = {{&p->tested, ell * size}, {&p->scale, n}, {&p->coupled, ell * m}, {&p->constants, n * MODEL_CONSTANTS},
+                              {&p->slopes, size * c}, {&p->slack, m}, {&p->strain, size}, {&p->elastic, m}, {&p->sizes, n},
+                              {&p->jacobian, ell * ell}, {&p->inner, m * m}, {&p->columns, ell * m}, {&p->under, ell * size},
+                              {&p->flowing, size}, {&p->gives, MODEL_SHARES}, {&p->compliances, MODEL_BODIES * c * c}};
+    size_t bytes;
+    p->block = model_block(MODEL_ROWS(rows), 0, &bytes);
+    p->order = malloc(ell * sizeof(int)), p->on = malloc(m * sizeof(int)), p->places = malloc(size * sizeof(int));
+    int all = p->room && p->state && p->pool && p->here && p->here->block && p->next && p->next->block && p->place && p->block;
+    all = all && p->order && p->on && p->places && model_state_new(p->state);
+    for (int k = 0; all && k < MODEL_HALVED + 2; k++) all = model_state_new(&p->pool[k]);
 #if MODEL_RUBS
     all = (p->slider = model_slider_new(p->room)) && all;
 #endif
-    p->order = malloc(ell * sizeof(int)), p->on = malloc(m * sizeof(int)), p->places = malloc(size * sizeof(int));
-    if (all && p->order && p->on && p->places) {
+    if (all) {
         model_set_tested(p);
         return p;
     }
@@ -118,7 +151,7 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
     double *schur = p->room->schur;
     int same = p->known;
     for (int q = 0; q < MODEL_SHARES; q++) {
-        const double gives = MODEL_MODULI ? model_middle[q] / model_moduli[q].value(point) : 1;
+        const double gives = MODEL_MODULI ? model_middle[q] / MODEL_AT(model_moduli[q].value, point) : 1;
         if (!isfinite(gives)) return 0;
         same = same && p->gives[q] == gives;
         p->gives[q] = gives;
@@ -135,7 +168,7 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
             }
     for (int k = 0; k < MODEL_POINTS; k++) p->scale[k] = p->gives[model_share_of[k]];
     for (int g = 0, k = 0; g < MODEL_BODIES; k += model_bodies[g++].points) /* all its points are on parts of one modulus */
-        for (int i = 0; i < MODEL_COMPONENTS * MODEL_COMPONENTS; i++) p->compliances[g][i] = p->scale[k] * model_bodies[g].compliance[i];
+        for (int i = 0; i < MODEL_COMPONENTS * MODEL_COMPONENTS; i++) p->compliances[g * MODEL_COMPONENTS * MODEL_COMPONENTS + i] = p->scale[k] * model_bodies[g].compliance[i];
     for (int j = 0; j < MODEL_MODES; j++)
         for (int i = 0; i < m; i++) p->coupled[j * m + i] = model_coupled[j * m + i] * p->gives[model_mode_share[j]];
     return 1;
@@ -153,7 +186,7 @@ static inline int model_set_constants(model_path *p, const double *point) {
                 continue;
             }
             for (int i = 0; i < body->coordinates; i++) at[MODEL_PARAMETERS + i] = body->places[k * body->coordinates + i];
-            for (int i = 0; i < body->constants_count; i++) found[i] = body->constants[i](at);
+            for (int i = 0; i < body->constants_count; i++) found[i] = MODEL_AT(body->constants[i], at);
             if (!(found[0] > 0)) return 0;
             for (int i = 2; i < body->constants_count; i++)
                 if (!(found[i] > body->law->low[i - 2] && found[i] < body->law->high[i - 2])) return 0;
@@ -213,7 +246,7 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
 
 /* Forces of the elastic bodies, by which the cubature is corrected, and their statuses; 0 without any. */
 static inline int model_ready(model_path *p, const model_state *before, unsigned char *elastic) {
-    if (!model_touched(p, p->slack, before->loaded ? before->elastic : NULL)) return 0;
+    if (!model_touched(p, p->slack, *before->loaded ? before->elastic : NULL)) return 0;
     memcpy(p->elastic, p->room->forces, MODEL_CONDITIONS * sizeof(double));
     memcpy(elastic, p->room->active, MODEL_CONDITIONS);
     return 1;
@@ -229,13 +262,13 @@ static inline int model_pressed_by(model_path *p, const double *forces, const un
 #if MODEL_RUBS
     (void)start;
     if (!model_touched(p, slack, forces)) return 0;
-    memcpy(out->forces, p->slider->forces, sizeof out->forces);
-    memcpy(out->active, p->slider->at, sizeof out->active);
+    memcpy(out->forces, p->slider->forces, MODEL_CONDITIONS * sizeof(double));
+    memcpy(out->active, p->slider->at, MODEL_CONDITIONS);
 #else
     (void)forces;
     if (!model_touched(p, slack, start)) return 0;
-    memcpy(out->forces, p->room->forces, sizeof out->forces);
-    memcpy(out->active, p->room->active, sizeof out->active);
+    memcpy(out->forces, p->room->forces, MODEL_CONDITIONS * sizeof(double));
+    memcpy(out->active, p->room->active, MODEL_CONDITIONS);
 #endif
     return 1;
 }
@@ -245,13 +278,13 @@ static inline int model_set_memory(model_path *p, const model_state *before, mod
     const int n = MODEL_POINTS, c = MODEL_COMPONENTS;
     double strain[MODEL_COMPONENTS], old[MODEL_MEMORY], compliance[MODEL_COMPONENTS * MODEL_COMPONENTS];
     int k = 0, first = 0;
-    if (!count) memcpy(out->memory, before->memory, sizeof out->memory);
+    if (!count) memcpy(out->memory, before->memory, sizeof(double) * MODEL_MEMORY * MODEL_POINTS);
     for (int g = 0; g < MODEL_BODIES; first += model_bodies[g++].points)
         for (; k < first + model_bodies[g].points; k++) {
             const model_program *law = model_bodies[g].law;
             const double *constants = p->constants + (size_t)k * MODEL_CONSTANTS, graded = model_grading(&model_bodies[g], k - first);
             if (!law) continue;
-            for (int i = 0; i < c * c; i++) compliance[i] = p->compliances[g][i] / graded;
+            for (int i = 0; i < c * c; i++) compliance[i] = p->compliances[g * c * c + i] / graded;
             for (int i = 0; i < c; i++) strain[i] = out->strain[i * n + k];
             for (int i = 0; i < law->memory; i++) old[i] = before->memory[i * n + k];
             if (!model_solve_law(law, p->place, strain, old, p->dt, constants, compliance)) return 0;
@@ -268,7 +301,7 @@ static inline int model_tried(model_path *p, const model_state *before, const do
                               model_trial *out) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = MODEL_POINTS;
     if (!model_pressed_by(p, forces, start, out)) return 0;
-    memset(out->strain, 0, sizeof out->strain);
+    memset(out->strain, 0, MODEL_SIZE * sizeof(double));
     for (int i = 0; i < m; i++)
         if (out->forces[i] != 0)
             for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] += out->forces[i] * model_per_force[(size_t)i * MODEL_SIZE + k];
@@ -387,18 +420,15 @@ static inline int model_nearer(model_path *p, const model_state *before) {
     return 0;
 }
 
-static inline int model_larger(const void *one, const void *other) {
-    const double a = *(const double *)one, b = *(const double *)other;
-    return (a < b) - (a > b);
-}
-
 /* 1 if strains are small enough for the theory of small strains. */
 static inline int model_small(model_path *p) {
     const int n = MODEL_POINTS, alone = (int)fmax(floor(MODEL_ALONE * n), 1);
+    double most = 0;
+    int large = 0;
     for (int k = 0; k < n; k++) p->sizes[k] = 0;
     for (int k = 0; k < MODEL_SIZE; k++) p->sizes[k % n] = fmax(p->sizes[k % n], fabs(p->here->strain[k]));
-    qsort(p->sizes, n, sizeof(double), model_larger);
-    return p->sizes[alone - 1] <= 1 && p->sizes[0] <= MODEL_RUNAWAY;
+    for (int k = 0; k < n; k++) most = fmax(most, p->sizes[k]), large += p->sizes[k] > 1;
+    return large < alone && most <= MODEL_RUNAWAY;
 }
 
 /* State after an increment to a point; 0 if it does not converge. */
@@ -413,26 +443,26 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     unsigned char elastic[MODEL_CONDITIONS];
     if (!model_ready(p, before, elastic)) return 0;
 #endif
-    memcpy(p->here->correction, before->correction, sizeof p->here->correction);
+    memcpy(p->here->correction, before->correction, MODEL_MODES * sizeof(double));
     if (!model_tried(p, before, before->forces, before->active, p->here)) return 0;
-    double largest = fmax(before->largest, MODEL_NOISE * p->weight * model_norm(p->here->strain, MODEL_SIZE) / MODEL_CORRECTED);
+    double largest = fmax(*before->largest, MODEL_NOISE * p->weight * model_norm(p->here->strain, MODEL_SIZE) / MODEL_CORRECTED);
     int iteration = 0;
     while (!(p->here->merit <= MODEL_CORRECTED * fmax(model_norm(p->here->correction, MODEL_MODES), largest)))
         if (++iteration == MODEL_NEWTON || !model_nearer(p, before)) return 0;
     if (!model_small(p)) return 0;
     largest = fmax(largest, model_norm(p->here->correction, MODEL_MODES));
-    memcpy(after->point, point, sizeof after->point);
-    memcpy(after->correction, p->here->correction, sizeof after->correction);
-    memcpy(after->forces, p->here->forces, sizeof after->forces);
-    memcpy(after->memory, p->here->memory, sizeof after->memory);
-    memcpy(after->active, p->here->active, sizeof after->active);
+    memcpy(after->point, point, MODEL_PARAMETERS * sizeof(double));
+    memcpy(after->correction, p->here->correction, MODEL_MODES * sizeof(double));
+    memcpy(after->forces, p->here->forces, MODEL_CONDITIONS * sizeof(double));
+    memcpy(after->memory, p->here->memory, sizeof(double) * MODEL_MEMORY * MODEL_POINTS);
+    memcpy(after->active, p->here->active, MODEL_CONDITIONS);
 #if MODEL_RUBS
     if (!model_pressed_by(p, p->here->forces, NULL, p->here)) return 0; /* other trials were solved since: its slip again */
     model_remember(p->slider, &before->slip, &after->slip);
 #else
-    memcpy(after->elastic, elastic, sizeof after->elastic);
+    memcpy(after->elastic, elastic, sizeof elastic);
 #endif
-    after->largest = largest, after->loaded = 1;
+    *after->largest = largest, *after->loaded = 1;
     return 1;
 }
 
@@ -459,7 +489,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
 
 /* Begin at rest, at the point of the box nearest to zero, with the moduli and law constants of a point. */
 static inline int model_rest(model_path *p, const double *point) {
-    memset(p->state, 0, sizeof *p->state);
+    memset(p->state->block, 0, p->state->size);
     model_start(point, p->state->point);
     p->begun = p->tangent = 0;
     if (!model_stays(point)) return MODEL_OUTSIDE;
@@ -488,7 +518,7 @@ static inline int model_begin(model_path *p, const double *point, double *forces
             p->begun = 0, p->parts = 1;
             return MODEL_NO_ANSWER;
         }
-        *p->state = *reached;
+        model_copy(p->state, reached);
     }
     p->parts = 1;
     return model_told(p, forces, outputs);

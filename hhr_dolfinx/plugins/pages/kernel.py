@@ -1,0 +1,173 @@
+"""The kernel that solves contact problems without Python: its C sources, and what is compiled of them for pages.
+
+Headers and pages have one kernel. In a header its sizes are constants; on a page they are variables, so that a few
+kernels in WebAssembly, compiled once, answer for all models.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import subprocess
+import sys
+import tempfile
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
+from hhr_dolfinx.plugins.pages.laws import Laws
+
+PARTS = ("floating", "friction", "flow", "ranges")
+"""Capabilities that a kernel has or has not; each is a key of the tree of a model."""
+FLAGS_OF_PARTS = {
+    "friction": "RUBS",
+    "flow": "FLOWS",
+    "floating": "FLOATS",
+    "ranges": "RANGED",
+    "memory": "REMEMBERS",
+}
+"""Flags of the parts; with ``memory`` a law of the ranges remembers."""
+
+
+def kernel_parts(tree: dict[str, Any]) -> list[str]:
+    """Parts of the kernel that a model needs."""
+    found = [part for part in PARTS if tree[part]]
+    return [*found, "memory"] if tree["ranges"] and tree["ranges"]["remembers"] else found
+
+
+def kernel_text(parts: list[str], laws: Laws) -> str:
+    """Text of the kernel with some parts, without its data."""
+    texts = {part: kernel_file(f"{part}.h") for part in ("floating", "springs", "ranges")}
+    texts["flow"] = kernel_file("programs.h") + kernel_file("flow.h")
+    text = kernel_file("kernel.h")
+    rubbing = ""
+    if laws.part is not None:
+        texts[laws.part.key] = laws.part.header.read_text("utf-8")
+        rubbing = laws.part.range_header.read_text("utf-8")
+    for part in (*PARTS, "springs"):
+        needed = ("floating" if part == "springs" else part) in parts
+        text = text.replace(f"/*{part.upper()}*/", texts[part] if needed else "")
+    return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", rubbing)
+
+
+def _laws(laws: Laws) -> str:
+    """Functions of laws of ranges, and the calls of each by its number."""
+    own = "const model_own *own"
+    calls = {
+        "shift": ("double", own, "own", "0"),
+        "projection": ("double", f"{own}, double y, double c, double *slope", "own, y, c, slope", "(*slope = NAN)"),
+        "after": (
+            "void",
+            f"{own}, double force, double slack, int active, double *memory",
+            "own, force, slack, active, memory",
+            "",
+        ),
+    }
+    text = "\n".join(law.text for law in laws.ranges)
+    for name, (result, arguments, given, nothing) in calls.items():
+        words = ["law", *(argument.split()[-1].lstrip("*") for argument in arguments.split(","))]
+        text += f"\nstatic inline {result} model_law_{name}(int law, {arguments}) {{\n    "
+        text += ", ".join(f"(void){word}" for word in words) + ";\n"
+        for number, law in enumerate(laws.ranges, start=1):
+            if name == "projection" or law.memory:
+                call = f"model_{law.name}_{name}({given});"
+                text += f"    if (law == {number}) {'return ' if nothing else ''}{call}\n"
+        text += (f"    return {nothing};\n" if nothing else "") + "}\n"
+    return text
+
+
+def kernel_file(name: str) -> str:
+    """Text of a C file of the kernel."""
+    return (resources.files(__package__) / "c" / name).read_text(encoding="utf-8")
+
+
+FREESTANDING = ("math.h", "stdlib.h", "string.h")
+"""Headers of C that a compiler for WebAssembly lacks."""
+FLAGS = (
+    "--target=wasm32-freestanding",
+    *(
+        "-std=c99",
+        "-Os",
+        "-ffp-contract=off",
+        "-fno-builtin",
+        "-fno-inline",
+        "-mbulk-memory",
+        "-nostdlib",
+        "-fvisibility=hidden",
+    ),
+    *("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=1048576"),
+)
+"""Options of clang for a kernel of pages."""
+MARK = b"sources"
+"""Name of the section of a kernel that has the digest of its sources."""
+
+
+def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
+    """Sources of a kernel for pages by their names, of which ``page.c`` is compiled."""
+    found = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
+    flags = "".join(f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items())
+    found["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
+    found["page.c"] = flags + kernel_file("page.c")
+    return found
+
+
+def digest_of(sources: dict[str, str]) -> bytes:
+    """SHA-256 of the sources of a kernel and of the options of its compiler."""
+    text = "\0".join([*FLAGS, *(f"{name}\0{sources[name]}" for name in sorted(sources))])
+    return hashlib.sha256(text.encode()).digest()
+
+
+def compiled(sources: dict[str, str]) -> bytes:
+    """A kernel for pages, compiled by clang of the package ``ziglang``, and marked by the digest of its sources.
+
+    Raises:
+        MissingPackageError: if that package is not installed.
+        NotOfferedError: if the sources are not those of a kernel.
+    """
+    if importlib.util.find_spec("ziglang") is None:
+        raise MissingPackageError("a kernel for pages is compiled by the package ziglang: pip install ziglang")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "freestanding").mkdir()
+        for file, text in sources.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        words = [
+            sys.executable,
+            "-m",
+            "ziglang",
+            "cc",
+            *FLAGS,
+            "-isystem",
+            "freestanding",
+            "-o",
+            "kernel.wasm",
+            "page.c",
+        ]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+        if done.returncode:
+            raise NotOfferedError(f"the kernel of this law is not compiled: {done.stderr[:1000]}")
+        return (folder / "kernel.wasm").read_bytes() + _section(MARK, digest_of(sources))
+
+
+def _section(name: bytes, content: bytes) -> bytes:
+    """Custom section of WebAssembly, which browsers skip; name and content together have less than 127 bytes."""
+    return bytes([0, 1 + len(name) + len(content), len(name)]) + name + content
+
+
+def kernel_path(parts: list[str], laws: Laws) -> Path:
+    """File of the compiled kernel with some parts: of this plug-in, or beside the header of a law."""
+    folder = Path(__file__).with_name("c") if laws.part is None else laws.part.header.parent
+    first = "contact" if laws.part is None else laws.part.key
+    return folder / ("_".join([first, *(part for part in parts if part != first)]) + ".wasm")
+
+
+def kernel_of(parts: list[str], laws: Laws) -> bytes:
+    """The compiled kernel with some parts, which is compiled here for laws of users."""
+    return _compiled(tuple(parts), laws) if "ranges" in parts else kernel_path(parts, laws).read_bytes()
+
+
+@lru_cache(maxsize=8)
+def _compiled(parts: tuple[str, ...], laws: Laws) -> bytes:
+    return compiled(page_sources([*parts], laws))

@@ -1,0 +1,82 @@
+"""Data of a kernel as plain values, by which a page lays out records in memory as the C sources declare them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.plugins.pages.kernel import kernel_file
+from hhr_dolfinx.plugins.pages.records import Formula, KernelData, Struct
+
+_TYPEDEF = re.compile(r"typedef struct \{([^{}]*)\} model_(\w+);")
+_SCALARS = {"double": "d", "int": "i", "model_function": "i"}
+_POINTERS = {"double": "D", "int": "I", "model_function": "I"}
+
+
+@cache
+def layouts() -> dict[str, dict[str, str]]:
+    """Codes of the fields of each record, in their order in C.
+
+    ``d`` is a double, ``i`` an int or the number of a formula, ``D`` and ``I`` point to several of them, ``R KIND`` to
+    records, and ``r KIND`` is a record inside.
+    """
+    text = re.sub(r"/\*.*?\*/", "", kernel_file("kernel.h") + kernel_file("sizes.h"), flags=re.DOTALL)
+    found = {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(text)}
+    wanted = ["sizes", "data"]
+    for kind in wanted:  # which grows
+        nested = (code[2:] for code in found[kind].values() if len(code) > 1)
+        wanted += [other for other in nested if other not in wanted]
+    return {kind: found[kind] for kind in wanted}
+
+
+def _fields(body: str) -> Iterator[tuple[str, str]]:
+    for statement in filter(None, map(str.strip, body.split(";"))):
+        kind, names = statement.removeprefix("const ").split(maxsplit=1)
+        for name in names.split(","):
+            plain = name.strip()
+            record = kind.removeprefix("model_")
+            table, other = (_POINTERS, "R") if plain.startswith("*") else (_SCALARS, "r")
+            yield plain.lstrip("*"), table.get(kind, f"{other} {record}")
+
+
+def encoded(kernel: KernelData) -> dict[str, Any]:
+    """Layouts, sizes, data and formulas as plain values; arrays of the page are named."""
+    writer = _Writer()
+    sizes = {name.lower(): value for name, value in kernel.sizes.items()}
+    return {
+        "layouts": {kind: list(fields.values()) for kind, fields in layouts().items()},
+        "sizes": {name: sizes.get(name, 0) for name in layouts()["sizes"]},
+        "data": writer.record(Struct("data", kernel.data)),
+        "formulas": writer.formulas,
+    }
+
+
+class _Writer:
+    def __init__(self) -> None:
+        self.formulas: list[list[Any]] = []
+
+    def record(self, record: Struct) -> list[Any]:
+        """Values of the fields in their order."""
+        return [self.value(record.fields.get(name), code) for name, code in layouts()[record.kind].items()]
+
+    def value(self, value: Any, code: str) -> Any:
+        if isinstance(value, Formula):
+            if value.steps is None:
+                return 0
+            if value.steps not in self.formulas:
+                self.formulas.append(value.steps)
+            return self.formulas.index(value.steps) + 1
+        if isinstance(value, Struct):
+            own = self.record(value)
+            return own if code.startswith("r") else [own]
+        if code.startswith("r"):
+            return self.record(Struct(code[2:], {}))
+        if isinstance(value, list):
+            return [self.record(item) if isinstance(item, Struct) else self.value(item, "i") for item in value]
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        return "Infinity" if value == np.inf else value

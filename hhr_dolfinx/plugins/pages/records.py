@@ -1,0 +1,241 @@
+"""Data of the C kernel for one model, in a header or on a page: sizes, arrays and records of ``c/kernel.h``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Steps = list[Any]
+"""Operations of a formula, see :func:`hhr_dolfinx.plugins.pages.packing.steps_of`."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Function of the parameters; None without one."""
+
+    steps: Steps | None
+
+
+@dataclass(frozen=True)
+class Struct:
+    """Struct of the type ``model_KIND``; fields that are missing are zero."""
+
+    kind: str
+    fields: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class KernelData:
+    """Sizes by their names, and arrays and records by theirs."""
+
+    sizes: dict[str, int | float]
+    data: dict[str, Any]
+
+
+def kernel_data(tree: dict[str, Any], arrays: dict[str, np.ndarray], ends: tuple[Any, Any]) -> KernelData:
+    """Data of a model from its tree and arrays, see :mod:`hhr_dolfinx.plugins.pages.arrays`.
+
+    Args:
+        tree: from ``contact_tree``.
+        arrays: by name.
+        ends: smallest and largest parameters with answers, (P,) each.
+    """
+    return _Reader(tree, arrays).kernel_data(ends)
+
+
+class _Reader:
+    def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
+        self.tree = tree
+        self.arrays = arrays
+
+    def kernel_data(self, ends: tuple[Any, Any]) -> KernelData:
+        tree = self.tree
+        groups = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
+        places = np.unique(groups, return_inverse=True)[1]
+        data: dict[str, Any] = {
+            "lower": np.array(ends[0], dtype=float),
+            "upper": np.array(ends[1], dtype=float),
+            "pairs": places,
+            "constant": tree["amplitudes"]["constant"],
+            "slopes": tree["amplitudes"]["slopes"],
+            "schur": tree["schur"],
+            "gaps": self._gaps,
+            "others": [self._amplitude(item) for item in tree["amplitudes"]["others"]],
+            "limits": [self._limit(item) for item in tree["limits"]],
+            "parts": [self._component(item) for item in tree["parts"]],
+            "outputs": [self._output(item) for item in tree["outputs"]],
+            "reshaped": self._interpolant(tree["reshaped"]) if tree.get("reshaped") else Struct("interpolant", {}),
+        }
+        own = {"path": self._path, "flow": self._flow, "friction": self._friction, "floating": self._floating}
+        for key, read in (own | {"ranges": self._ranges}).items():
+            data |= read(tree[key]) if tree[key] else {}
+        return KernelData(self._sizes(places), data)
+
+    @property
+    def _gaps(self) -> str:
+        """Gaps, or the free slack of a constant S, as terms of θ."""
+        tree = self.tree
+        name: str = (tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]
+        return name
+
+    def _path(self, item: dict[str, Any]) -> dict[str, Any]:
+        """Parameters that are fixed along a path, and the box of its start."""
+        ends = {f"box_{name}": np.array(self.tree[name]) for name in ("lower", "upper")}
+        return {"fixed": np.array(item["fixed"], dtype=int)} | ends
+
+    def _ranges(self, item: dict[str, Any]) -> dict[str, Any]:
+        """Laws of plug-ins, each on its conditions."""
+        found = []
+        formulas = first = 0
+        for part in item["items"]:
+            rows = self.arrays[part["rows"]]
+            width = self.arrays[part["numbers"]].shape[1]
+            fields = {key: part[key] for key in ("rows", "numbers", "law", "memory", "remembers")}
+            fields |= {"formulas": [Formula(steps) for steps in part["formulas"]] or None, "first_formula": formulas}
+            fields |= {"count": rows.size, "width": width, "formulas_count": len(part["formulas"]), "first": first}
+            found.append(Struct("range", fields))
+            formulas += len(part["formulas"])
+            first += rows.size * part["memory"]
+        return {"ranges": found}
+
+    def _flow(self, item: dict[str, Any]) -> dict[str, Any]:
+        same = "per_mode per_force forced given moved modal coupled pressed weights".split()
+        names = {name: name for name in same} | {"flow_schur": "schur", "share_of": "parts", "mode_share": "mode_parts"}
+        return {name: item[key] for name, key in names.items()} | {
+            "middle": np.array(item["middle"], dtype=float),
+            "bodies": [self._body(group) for group in item["groups"]],
+            "moduli": [Struct("modulus", {"value": Formula(steps)}) for steps in item["moduli"]],
+        }
+
+    def _body(self, group: dict[str, Any]) -> Struct:
+        fields: dict[str, Any] = {key: group[key] for key in ("elastic", "compliance", "points", "grading")}
+        fields |= {"constants": [Formula(steps) for steps in group["constants"]]}
+        fields |= {"constants_count": len(group["constants"])}
+        fields["law"] = None if group["law"] is None else self._program(group["law"])
+        if places := group["places"]:
+            fields |= {"places": places, "coordinates": self.arrays[places].shape[1]}
+        return Struct("body", fields)
+
+    def _program(self, law: dict[str, Any]) -> Struct:
+        arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
+        fields: dict[str, Any] = {key: law[key] for key in arrays}
+        fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
+        fields |= {"numbers_count": self.arrays[law["numbers"]].size, "limited": int(law["limited"])}
+        return Struct("program", fields)
+
+    def _friction(self, item: dict[str, Any]) -> dict[str, Any]:
+        # index of the first tangential row of each contact, and the end of the last
+        along = np.searchsorted(self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1))
+        rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
+        laws = [{"coefficient": Formula(one), "limit": Formula(other)} for one, other in item["laws"]]
+        return {name: item[key] for name, key in rows.items()} | {
+            "along": along,
+            "area": item["area"],
+            "laws": [Struct("law", fields) for fields in laws],
+        }
+
+    def _floating(self, item: dict[str, Any]) -> dict[str, Any]:
+        """Contact rows of rigid motions, loads along them, their units, and stiffnesses of springs."""
+        taken = self.arrays[item["taken"]]
+        scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
+        values = {name: self._softness / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
+        return {"taken": item["taken"], "driving": item["driving"]} | values
+
+    @property
+    def _softness(self) -> float:
+        """Mean of the diagonal of S, which is stored by halves."""
+        places = np.arange(self.tree["m"])
+        return float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+
+    def _sizes(self, places: np.ndarray) -> dict[str, int | float]:
+        tree = self.tree
+        friction = tree["friction"]
+        floating = tree["floating"]
+        grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
+        sizes: dict[str, int | float] = {
+            "PARAMETERS": len(tree["names"]),
+            "CONDITIONS": tree["m"],
+            "OUTPUTS": len(tree["outputs"]),
+            "TERMS": self.arrays[self._gaps].shape[1],
+            "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
+            "OTHERS": len(tree["amplitudes"]["others"]),
+            "LIMITS": len(tree["limits"]),
+            "PARTS": len(tree["parts"]),
+            "GROUPS": int(places.max()) + 1,
+            "CONSTANT": int(tree["schur"] is not None),
+            "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
+            "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
+            "MOTIONS": self.arrays[floating["taken"]].shape[1] if floating else 0,
+        }
+        if floating:
+            sizes["SOFTNESS"] = self._softness
+        if friction is not None:
+            rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
+            sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
+        if tree["flow"]:
+            sizes |= self._sizes_of_flow(tree["flow"])
+        if tree["path"]:
+            sizes["FIXED_COUNT"] = len(tree["path"]["fixed"])
+        if ranges := tree["ranges"]:
+            sizes |= {"RANGES": len(ranges["items"]), "RATED": int(ranges["remembers"])}
+            sizes["FORMULAS"] = sum(len(part["formulas"]) for part in ranges["items"])
+            counts = (self.arrays[part["rows"]].size * part["memory"] for part in ranges["items"])
+            sizes["REMEMBERED"] = sum(counts)
+        return sizes
+
+    def _sizes_of_flow(self, flow: dict[str, Any]) -> dict[str, int]:
+        modes, size = self.arrays[flow["per_mode"]].shape
+        points = self.arrays[flow["parts"]].size
+        laws = [group["law"] for group in flow["groups"] if group["law"]]
+        return {
+            "MODES": modes,
+            "POINTS": points,
+            "COMPONENTS": size // points,
+            "BODIES": len(flow["groups"]),
+            "SHARES": len(self.arrays[flow["schur"]]),
+            "MODULI": len(flow["moduli"]),
+            "RATED": int(any(group["rated"] for group in flow["groups"])),
+            "MEMORY": max([size // points + 1, *(law["sizes"]["memory"] for law in laws)]),
+            "UNKNOWNS": max([2, *(law["sizes"]["unknowns"] for law in laws)]),
+            "REGISTERS": max([1, *(law["registers"] for law in laws)]),
+            "CONSTANTS": max(len(group["constants"]) for group in flow["groups"]),
+        }
+
+    def _limit(self, item: dict[str, Any]) -> Struct:
+        high = np.inf if item["high"] is None else item["high"]
+        return Struct("limit", {"value": Formula(item["steps"]), "low": item["low"], "high": high})
+
+    def _amplitude(self, item: dict[str, Any]) -> Struct:
+        if item["kind"] == "formula":
+            return Struct("amplitude", {"value": Formula(item["steps"])})
+        fields = {key: item[key] for key in ("positions", "constant", "degree", "extent")}
+        fields |= {"slopes": np.array(item["slopes"], dtype=float), "count": self.arrays[item["positions"]].size}
+        return Struct("amplitude", fields)
+
+    def _interpolant(self, item: dict[str, Any]) -> Struct:
+        rank, grid = self.arrays[item["weights"]].shape
+        own: dict[str, Any] = {key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")}
+        own |= {"axes": np.array(item["axes"], dtype=int)} | {key: item[key] for key in ("levels", "weights", "modes")}
+        own |= {"axes_count": len(item["axes"]), "nodes_count": len(item["nodes"]), "grid": grid, "rank": rank}
+        return Struct("interpolant", own)
+
+    def _component(self, item: dict[str, Any]) -> Struct:
+        fields = {key: item[key] for key in ("conditions", "terms", "columns", "forced")}
+        count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
+        fields |= {"interpolant": self._interpolant(item), "factor": Formula(item["factor"])}
+        return Struct("part", fields | {"count": count, "terms_count": terms})
+
+    def _output(self, item: dict[str, Any]) -> Struct:
+        if item["kind"] == "linear":
+            names = {key: item[key] for key in ("forces", "terms", "motions") if key in item}
+            return Struct("output", names | item.get("moved", {}))
+        if item["kind"] == "quadratic":
+            return Struct("output", {"half": item["half"]})
+        own = {"conditions": item["conditions"], "areas": item["areas"]}
+        own |= {"count": self.arrays[item["conditions"]].size}
+        if item["kind"] == "largest":
+            return Struct("output", own | {"largest": 1})
+        return Struct("output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")})
