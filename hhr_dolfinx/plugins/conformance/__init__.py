@@ -11,6 +11,7 @@ _SWITCHES = (
 
 PLUGIN = Plugin(
     name="conformance",
+    optional=("exporters",),
     parts={"checks": {"hhr_dolfinx.plugins.conformance.checks": _CHECKS}},
     switches={"hhr_dolfinx.plugins.conformance.switches": _SWITCHES},
 )

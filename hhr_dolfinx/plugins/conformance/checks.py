@@ -35,6 +35,7 @@ from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.conformance.draft import Between
+from hhr_dolfinx.plugins.conformance.in_c import compilable, in_c
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Pod, Recipe, Zone
 from hhr_dolfinx.scene import Displacement, Opening, Scene
@@ -97,6 +98,8 @@ WRONG = {
     "range slopes": "`slopes` are not the derivatives of `off` along the parameters: off by {:.2g}",
     "carried": "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}",
     "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
+    "kernel": "functions of its facet `kernel` are not those of a law in C: {}",
+    "forces in C": "its functions in C give other forces than Python: off by {:.2g} of the largest",
     "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
     "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
     "no gradient": "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError",
@@ -314,7 +317,8 @@ def check_contact_law(law: Any) -> None:
     """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is installed.
 
     Histories of the full model, of a condensed one and of its file agree, go on from known steps, and can be cut. A
-    hyper-reduced model of the whole mesh has the same. What the plug-in has no facet for is refused.
+    hyper-reduced model of the whole mesh has the same, and so has a compiled C header, with the facet ``kernel`` and a
+    compiler. What the plug-in has no facet for is refused.
     """
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
@@ -347,6 +351,8 @@ def check_contact_law(law: Any) -> None:
         _require(same, "memory")
     condensed = condense(full)
     _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
+    if compilable(law.plugin):
+        _check_in_c(condensed, path)
     _require(_alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known")
     with TemporaryDirectory() as folder:
         stored = [compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0] for _ in range(2)]
@@ -366,6 +372,17 @@ def check_contact_law(law: Any) -> None:
     except NotOfferedError:
         return
     _require(_alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(LEFT_OUT)), "reduced law")
+
+
+def _check_in_c(model: Any, path: list[tuple[float, np.ndarray]]) -> None:
+    """C functions of a law give the forces of Python along a path."""
+    exact = np.array([answer.multipliers for answer in model.march(path).answers])
+    found = in_c(model, path)
+    if isinstance(found, str):
+        _require(False, "kernel", found)
+    else:
+        off = float(np.abs(found - exact).max() / np.abs(exact).max())
+        _require(off <= ROUND_OFF, "forces in C", off)
 
 
 def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
