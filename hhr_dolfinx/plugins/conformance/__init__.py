@@ -11,7 +11,7 @@ _SWITCHES = (
 
 PLUGIN = Plugin(
     name="conformance",
-    optional=("contact_laws",),
+    optional=("contact_laws", "exporters"),
     parts={"checks": {"hhr_dolfinx.plugins.conformance.checks": _CHECKS}},
     switches={"hhr_dolfinx.plugins.conformance.switches": _SWITCHES},
 )

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,8 +33,7 @@ from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.conformance.draft import Between
-from hhr_dolfinx.plugins.contact_laws.interface import Range
-from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
+from hhr_dolfinx.plugins.conformance.in_c import compilable, in_c
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Pod, Recipe, Zone
 from hhr_dolfinx.scene import Displacement, Opening, Scene
@@ -60,6 +59,10 @@ from hhr_dolfinx.testing import (
     require,
 )
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.interface import Range
+    from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
 
 LEFT_OUT = 1e-14
 """Part of the squared answers that the modes of a hyper-reduced model of the whole mesh leave out."""
@@ -97,6 +100,8 @@ WRONG = {
     "range slopes": "`slopes` are not the derivatives of `off` along the parameters: off by {:.2g}",
     "carried": "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}",
     "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
+    "kernel": "functions of its facet `kernel` are not those of a law in C: {}",
+    "forces in C": "its functions in C give other forces than Python: off by {:.2g} of the largest",
     "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
     "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
     "no gradient": "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError",
@@ -314,7 +319,8 @@ def check_contact_law(law: Any) -> None:
     """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is installed.
 
     Histories of the full model, of a condensed one and of its file agree, go on from known steps, and can be cut. A
-    hyper-reduced model of the whole mesh has the same. What the plug-in has no facet for is refused.
+    hyper-reduced model of the whole mesh has the same, and so has a compiled C header, with the facet ``kernel`` and a
+    compiler. What the plug-in has no facet for is refused.
     """
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
@@ -329,16 +335,7 @@ def check_contact_law(law: Any) -> None:
     )
     path = [(float(k), low + width * share) for k, share in enumerate(shares)]
     own = full.law
-    its_own = own.of(law.plugin)
-    _require(its_own is not None, "law")
-    assert its_own is not None
-    rows = full.conditions
-    _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
-    every = own.within(np.arange(rows))
-    _require(_same_parts(own, every), "within")
-    _require(bool(its_own.parts()), "parts of a law")
-    if "range" in registry.installed()[law.plugin].facets:
-        check_range(full, law.plugin)
+    _check_rows(full, law.plugin)
     exact = full.march(path).answers
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = residuals_of(full, answer)
@@ -349,6 +346,8 @@ def check_contact_law(law: Any) -> None:
         _require(same, "memory")
     condensed = condense(full)
     _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
+    if compilable(law.plugin):
+        _check_in_c(condensed, path)
     _require(_alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known")
     with TemporaryDirectory() as folder:
         stored = [compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0] for _ in range(2)]
@@ -370,6 +369,32 @@ def check_contact_law(law: Any) -> None:
     _require(_alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(LEFT_OUT)), "reduced law")
 
 
+def _check_rows(full: FullOrderModel, plugin: str) -> None:
+    """Check the law of a plug-in on the rows of a model, and its facet ``range`` if it has one."""
+    own = full.law
+    its_own = own.of(plugin)
+    _require(its_own is not None, "law")
+    assert its_own is not None
+    rows = full.conditions
+    _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
+    every = own.within(np.arange(rows))
+    _require(_same_parts(own, every), "within")
+    _require(bool(its_own.parts()), "parts of a law")
+    if "range" in registry.installed()[plugin].facets:
+        check_range(full, plugin)
+
+
+def _check_in_c(model: Any, path: list[tuple[float, np.ndarray]]) -> None:
+    """C functions of a law give the forces of Python along a path."""
+    exact = np.array([answer.multipliers for answer in model.march(path).answers])
+    found = in_c(model, path)
+    if isinstance(found, str):
+        _require(False, "kernel", found)
+    else:
+        off = float(np.abs(found - exact).max() / np.abs(exact).max())
+        _require(off <= ROUND_OFF, "forces in C", off)
+
+
 def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
     both = one.parts(), other.parts()
     return len(both[0]) == len(both[1]) and all(np.array_equal(*pair) for pair in zip(*both, strict=True))
@@ -377,6 +402,8 @@ def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
 
 def check_range(full: FullOrderModel, plugin: str) -> None:
     """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on a part of them."""
+    from hhr_dolfinx.plugins.contact_laws.interface import Range
+
     own: Any = full.law
     whole = next((part for part in getattr(own, "ranges", ()) if part.law.plugin == plugin), None)
     whole = Range(own, np.arange(full.conditions)) if whole is None else whole

@@ -1,6 +1,7 @@
 """Laws of contacts without memory, and in scenes with others: a gasket of the templates, by closed forms."""
 
 import dataclasses
+import shutil
 
 import my_contact_law
 import my_gasket
@@ -253,6 +254,27 @@ def test_the_contract_names_what_is_wrong(kind, name, value, wrong, monkeypatch)
     from hhr_dolfinx.testing import check_contact_law
 
     monkeypatch.setattr(kind, name, value)
+    with pytest.raises(AssertionError, match=wrong):
+        check_contact_law(Gasket("2.0 + 10.0 * push", 50.0))
+
+
+@needs("conformance", "exporters")
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+@pytest.mark.parametrize(("old", "new", "wrong"), [
+    ("3 * cubic", "2 * cubic", None),  # a slope that is off only slows Newton's method
+    ("linear * closure +", "1.01 * linear * closure +", "other forces than Python: off by 0.0"),
+    ("return linear", "return linaer", "(?s)not those of a law in C: .*linaer"),
+    ("return linear", "return NAN * linear", "a step of the path ends with status 2"),
+])  # fmt: skip
+def test_the_contract_compares_functions_in_c(old, new, wrong, monkeypatch):
+    from hhr_dolfinx.testing import check_contact_law
+
+    text = my_gasket.GasketKernel.text
+    assert old in text
+    monkeypatch.setattr(my_gasket.GasketKernel, "text", text.replace(old, new))
+    if wrong is None:
+        check_contact_law(Gasket("2.0 + 10.0 * push", 50.0))
+        return
     with pytest.raises(AssertionError, match=wrong):
         check_contact_law(Gasket("2.0 + 10.0 * push", 50.0))
 

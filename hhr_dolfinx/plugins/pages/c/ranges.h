@@ -21,6 +21,7 @@ static inline double model_resolvent(const model_own *own, double (*curve)(const
     double rise, low = 0, high, closure, share;
     const double first = curve(own, 0, &rise);
     *slope = 0;
+    if (isnan(first)) return *slope = NAN;
     if (!(y > first)) return *slope = y > 0, fmax(y, 0);
     high = closure = y / c;
     for (int iteration = 0; iteration < 200; iteration++) {
