@@ -130,9 +130,9 @@ test: setup
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 QUICK = active_set bad_input bad_meshes enrichment formulas forms full_order house \
-  laws_of_bodies loads locking many mesh_files model_files peers reduced registry sampling stability timing trust
+  laws_of_bodies loads many mesh_files model_files peers reduced registry sampling stability timing trust
 QUICK_PLUGINS = checks/test_fields differences/test_bounds greedy/test_restriction inelastic/test_cubature \
-  inelastic/test_history_files inelastic/test_laws local/test_subspaces moduli/test_interpolation \
+  elasticity/test_locking inelastic/test_history_files inelastic/test_laws local/test_subspaces moduli/test_interpolation \
   nonmatching/test_bad_pairings paths/test_path_families ranks/test_rows studies/test_pictures
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute

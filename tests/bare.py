@@ -23,7 +23,8 @@ from hhr_dolfinx.parameters import ParameterSpace
 WAIT = 1800
 """Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
 _ROOT = Path(__file__).parent.parent
-_FOLDERS = "tests tests/core tests/plugins/floating tests/plugins/ranks demos benchmarks benchmarks/thesis".split()
+_PLUGINS = [f"tests/plugins/{name}" for name in ("elasticity", "floating", "ranks")]
+_FOLDERS = ["tests", "tests/core", *_PLUGINS, "demos", "benchmarks", "benchmarks/thesis"]
 SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
 """Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names them for pytest."""
 

@@ -29,6 +29,7 @@ NEEDING = {
     "core/test_deck_benchmark.py": ("decks", "nonmatching"),
     "core/test_demo.py": ("checks", "exporters", "moduli", "mortar", "one_call", "pages", "studies", "volume_loads"),
     "core/test_fuel_rod.py": ("volume_loads",),
+    "plugins/baselines/test_naive.py": ("elasticity",),
     "plugins/local/test_subspaces.py": ("theorems",),
     "core/test_outputs.py": ("stress",),
     "plugins/differences/test_output_bounds.py": ("stress",),
@@ -54,6 +55,8 @@ NEEDING = {
     "plugins/inelastic/test_condensed_step.py": ("volume_loads",),
     "plugins/inelastic/test_flow_moduli.py": ("volume_loads",),
     "plugins/ranks/test_rows.py": ("nonmatching",),
+    "plugins/nonmatching/test_split_interfaces.py": ("shared_nodes",),
+    "plugins/volume_loads/test_volume_loads.py": ("elasticity",),
     "plugins/shapes/test_shape_outputs.py": ("mortar", "second_order", "volume_loads"),
     "plugins/studies/test_studies.py": ("nonmatching",),
 }

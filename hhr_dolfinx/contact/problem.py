@@ -128,12 +128,6 @@ class Reshaping(Protocol):
     def touching(self) -> ContactProblem:
         """The problem in the middle of the box, whose B has entries wherever it has some at a shape of the box."""
 
-    def system(self, problem: ContactProblem, *makers: Any) -> Any:
-        """The :class:`~hhr_dolfinx.full_order.system.System` of that problem."""
-
-    def outputs(self, problem: ContactProblem) -> Any:
-        """Outputs of the scene, :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`."""
-
 
 @dataclass(frozen=True)
 class ContactProblem:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -16,13 +16,11 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from ufl.algorithms import compute_form_data
 from ufl.algorithms.check_arities import ArityMismatch
-from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import CORNERS, build_geometry, check_outer, check_present, order_of, tagged
-from hhr_dolfinx.full_order.locking import gauss_degree, mean_dilatation, stiffness_degree
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler, Terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -40,6 +38,7 @@ class DiscreteSpace(ABC):
         SceneError: for a mesh that does not fit the scene, or missing tags.
     """
 
+    mean_dilatation: tuple[bool, ...]  # True for bodies that use the mean dilatation of their cells
     terms: Terms  # of θ, set when a problem is assembled: their order is the same for all shapes
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
@@ -58,15 +57,9 @@ class DiscreteSpace(ABC):
         self.size = dim * nodes.size_global  # N, number of all dofs
         self._dx = ufl.Measure("dx", domain=self.mesh, subdomain_data=self._cell_tags)
         self._ds = ufl.Measure("ds", domain=self.mesh, subdomain_data=self._facet_tags)
-        # True for bodies that use the mean dilatation of their cells, see ``locking``
-        self.mean_dilatation = mean_dilatation(scene, self.mesh.topology.cell_name(), self.order)
         self._trial = ufl.TrialFunction(self.space)
         self._test = ufl.TestFunction(self.space)
         self._linear: set[str] = set()
-        self.common_pattern: Any = None  # of the parts of K if it depends on parameters, after the first assembly
-        # deforms the mesh if its shape depends on parameters, else None; by default it has the shape of the middle of
-        # the box
-        self.reshaped: Any = None
 
     @property
     @abstractmethod
@@ -82,6 +75,11 @@ class DiscreteSpace(ABC):
         return None
 
     @property
+    def cells_and_order(self) -> tuple[str, int]:
+        """Kind of the cells, and degree of the displacement."""
+        return self.mesh.topology.cell_name(), self.order
+
+    @property
     def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:
         """Trial and test function."""
         return self._trial, self._test
@@ -90,25 +88,13 @@ class DiscreteSpace(ABC):
         """Local numbers of the cells of a body."""
         return tagged(self._cell_tags, self.names.cell(tag))
 
+    @abstractmethod
     def cells(self, tag: Tag) -> ufl.Measure:
-        """Measure of the cells of a body for its stiffness; for variable shapes with the rule of reduced models."""
-        dx = self._dx(self.names.cell(tag))
-        if self.reshaped is None:
-            return dx
-        return dx(degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order))
+        """Measure of the cells of a body for its stiffness."""
 
     def constant(self, value: float | str) -> fem.Constant:
         """A number or its string, in a form without compiled values: each new value would take seconds to compile."""
         return fem.Constant(self.mesh, float(value))
-
-    @property
-    def gauss_degree(self) -> int:
-        """Degree of the rule for strains of bodies that have laws or use a mean dilatation."""
-        return gauss_degree(self.mesh.topology.cell_name(), self.order)
-
-    def empty_matrix(self) -> PETSc.Mat:
-        """A matrix that couples the dofs of all cells."""
-        return fem_petsc.create_matrix(self._mass_form)
 
     @cached_property
     def _mass_form(self):
@@ -130,18 +116,6 @@ class DiscreteSpace(ABC):
             cells = self.cells_of(body.tag)
             bodies[cells[cells < bodies.size]] = place
         return bodies
-
-    def cell_means(self, field: Expr) -> fem.Function:
-        """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
-        means = fem.Function(fem.functionspace(self.mesh, ("Discontinuous Lagrange", 0)))
-        dx = ufl.dx(self.mesh, metadata={"quadrature_degree": self.gauss_degree})
-        volume = elasticity.volume_weight(self.mesh, self.scene.hypothesis) * ufl.TestFunction(means.function_space)
-        change, size = (
-            fem.assemble_vector(compat.jitted(fem.form, form * dx)).array for form in (field * volume, volume)
-        )
-        own = means.function_space.dofmap.index_map.size_local
-        means.x.array[:own] = change[:own] / size[:own]
-        return means
 
     def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
         """Measure of the facets with a tag, for a load of this class."""

@@ -1,48 +1,47 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs. The
-Gauss points of bodies with laws, or nearly incompressible ones, are in ``gauss_points``, which others do not load.
+It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs.
 """
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dolfinx import fem
+import ufl
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, identity
 from ufl.core.expr import Expr
 
-from hhr_dolfinx import compat, registry
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
-from hhr_dolfinx.contact.kernel import kernels
+from hhr_dolfinx.contact.kernel import Kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw, check_attached
 from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.contact.shares import Shares
-from hhr_dolfinx.errors import NotSolvableError, SceneError, rounded
-from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
-from hhr_dolfinx.full_order.common_conditions import CommonConditions, Conditions
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+from hhr_dolfinx.full_order.elasticity import elasticity_of
 from hhr_dolfinx.full_order.eliminated import Eliminated
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
-from hhr_dolfinx.full_order.stress import stress_in_cells
+from hhr_dolfinx.full_order.free_bodies import free_bodies
+from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
-from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
-    from hhr_dolfinx.full_order.system import UserSystem
+    from hhr_dolfinx.full_order.system import StatedSystem
+
+ONE_LINE = 0.7
+"""Cosine of two directions above which conditions of a node may be one: averaged normals differ by up to 40 degrees."""
 
 
 class Discretisation(DiscreteSpace):
@@ -56,72 +55,32 @@ class Discretisation(DiscreteSpace):
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
+        self.elasticity = elasticity_of(self)
+        self.mean_dilatation = self.elasticity.mean_dilatation
         # on the mesh before it is deformed
         self._fields = {
             number: item.at(self._points(), scene.hypothesis)
             for number, item in enumerate(scene.displacements)
             if item.field is not None
         }
+        self.shape = StillMesh()
         if scene.shapes:
             what = f"scene '{scene.name}', whose shapes depend on parameters,"
-            self.reshaped = registry.tool("shapes", what)(self)
+            # outside of evaluations the mesh has the shape of the middle of the box
+            self.shape = registry.tool("shapes", what)(self)
+
+    def cells(self, tag: Tag) -> ufl.Measure:
+        """See :class:`DiscreteSpace`."""
+        return self.shape.measure(self._dx(self.names.cell(tag)))
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
-        uneven = any(body.varies or body.grading is not None for body in self.scene.bodies)
-        # a user-defined system knows no springs: they are added to its K
-        springs = None if self.scene.system is not None else self.springs
-        if not uneven and springs is None:
-            return (self.own_rows(self.assemble_stiffness()),), ()
-        from hhr_dolfinx.full_order.varying import stiffness_terms, with_springs
-
-        found = stiffness_terms(self) if uneven else ((self.own_rows(self.assemble_stiffness()),), ())
-        names = self.scene.parameters.names
-        return found if springs is None else with_springs(names, springs, *found, self.rows.start)
+        return self.elasticity.stiffness_terms(self)
 
     @cached_property
     def springs(self) -> np.ndarray | None:
         """Stiffness to ground of each dof, (N,), by loads that resist; None without."""
-        resisting = [load for load in self.scene.loads if hasattr(load, "stiffness")]
-        if not resisting:
-            return None
-        return np.sum([load.stiffness(self.assembler(load)) for load in resisting], axis=0)
-
-    def assemble_stiffness(self) -> PETSc.Mat:
-        """Assemble K over all dofs, without boundary conditions."""
-        if not any(self.mean_dilatation):
-            matrix = fem_petsc.assemble_matrix(self._stiffness_form)
-        else:
-            from hhr_dolfinx.full_order.gauss_points import add_stiffness
-
-            # the mass couples the dofs of all cells, including those without a stiffness form
-            matrix = self.empty_matrix()
-            if not all(self.mean_dilatation):
-                fem_petsc.assemble_matrix(matrix, self._stiffness_form)
-            bodies = zip(self.scene.bodies, self.mean_dilatation, strict=True)
-            constants = {
-                place: lame_parameters(float(body.young), float(body.poisson))
-                for place, (body, mean) in enumerate(bodies)
-                if mean
-            }
-            add_stiffness(self, matrix, constants)
-        matrix.assemble()
-        return matrix
-
-    @cached_property
-    def _stiffness_form(self):
-        """Form of bodies with full integration; compiled only if used: bodies with laws are assembled elsewhere."""
-        scene = self.scene
-        functions = (self._trial, self._test)
-        parts = []
-        for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True):
-            dx = self.cells(body.tag)
-            if body.stress is not None:
-                parts.append(elasticity.stiffness_of_law(*functions, body.stress, scene.hypothesis, dx))
-            elif not mean:
-                moduli = self.constant(body.young), self.constant(body.poisson)
-                parts.append(elasticity.stiffness(*functions, *moduli, scene.hypothesis, dx))
-        return compat.jitted(fem.form, sum(parts))
+        return self.elasticity.springs(self)
 
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
@@ -134,8 +93,7 @@ class Discretisation(DiscreteSpace):
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
         amplitudes = self.terms.amplitudes(limits)
         lifts = self.terms.columns("imposed", self.size)
-        if moduli and not scene.constraints:
-            lifts = rigid_lifts(scene, lifts, free, self._points(), self._cell_nodes())
+        lifts = self.elasticity.lifted(self, lifts, free)
         eliminated = replace(eliminated, prolongation=eliminated.prolongation.lifted(lifts))
         prolongation = eliminated.prolongation
         added = self.terms.columns("gaps", rows.gap.size).toarray()
@@ -186,14 +144,13 @@ class Discretisation(DiscreteSpace):
         rows, pairs, both = eliminated.merged(prolongation, rows.take(kept), pairs[kept], both)
         gaps, opened = np.hsplit(both, 2)
         shares = None
-        if len(scene.contacts) > 1:
-            stated = Conditions(scene, rows, pairs, opened)
-            common = CommonConditions(stated, prolongation, self._cell_nodes(), amplitudes, self.surface)
-            stated, shares = common.joined()
+        common = _nodes_of_several(prolongation.rows(rows.matrix), pairs, rows.points.shape[1])
+        if common.size:
+            what = f"scene '{scene.name}', whose contacts share the node at {rounded(self._points()[common[0]])},"
+            share = registry.tool("shared_nodes", what)
+            rows, pairs, opened, shares = share(self, (rows, pairs, opened), prolongation, amplitudes, common)
             if shares is not None:
-                rows = stated.rows
-                pairs = stated.pairs
-                gaps = _gaps(rows, stated.opened, lifts)
+                gaps = _gaps(rows, opened, lifts)
         law: ContactLaw = UNILATERAL
         if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, prolongation)
@@ -227,11 +184,7 @@ class Discretisation(DiscreteSpace):
         found = [self._attached(some, rows, pairs, prolongation) for some in of_plugins.values()]
         join = registry.tool("laws", f"scene '{scene.name}', whose contacts have {laws[min(laws)].words},")
         whole: tuple[ContactRows, np.ndarray, ContactLaw] = join(scene, list(of_plugins.values()), found, rows, pairs)
-        if scene.shapes and not whole[2].reshapes:
-            raise SceneError(
-                f"contacts of scene '{scene.name}' have {whole[2].name}, and shapes depend on parameters: that is not "
-                "built in for this law"
-            )
+        self.shape.check(whole[2])
         return whole
 
     def _attached(
@@ -258,35 +211,23 @@ class Discretisation(DiscreteSpace):
         """Terms of all loads on the current mesh."""
         return [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
 
-    def checked(self, problem: ContactProblem, user: UserSystem | None = None) -> ContactProblem:
-        """The problem with the kernel of K, of bodies or a user; checks for errors that only the whole scene shows."""
+    def checked(self, problem: ContactProblem, stated: StatedSystem | None = None) -> ContactProblem:
+        """The problem with the kernel of K of a system; checks for errors that only the whole scene shows."""
         bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem, bodies, self.springs)
-        if free and user is not None:
-            free = user.left_free(free, problem)
+        free = (stated or self.shape).left_free(free, problem)
         if free:
-            if "kernel" not in registry.named("tools"):
-                why = registry.remedy("tools", "kernel")
-                raise NotSolvableError(
-                    f"{free[0].name} can move freely: it {described(free[0], free[0].left)}, and no installed plug-in "
-                    f"solves for motions{why}. Impose displacements that hold every body without its contacts"
-                )
-            kernel = kernels().of(self.scene, problem, free)
+            what = f"{free[0].name} can move freely: it {free[0].described(free[0].left)}. To hold it by contact alone"
+            kernels: Kernels = registry.tool("kernel", what)
+            kernel = kernels.of(self.scene, problem, free)
             problem = replace(problem, kernel=kernel, law=kernel.law)
-        return self._warned(problem)
-
-    def _warned(self, problem: ContactProblem) -> ContactProblem:
         warn_of_idle_parameters(self.scene, problem.amplitudes)
-        return problem
+        return self.shape.attached(problem)
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Stress of a displacement, (N,), at a parameter, (P,), see :func:`stress_in_cells`."""
-        with self.lying_at(point):
-            return stress_in_cells(self, displacement, point)
-
-    def lying_at(self, point: np.ndarray) -> AbstractContextManager:
-        """Context in which the mesh has the shape of a parameter, (P,)."""
-        return nullcontext() if self.reshaped is None else self.reshaped.at(point)
+        """Stress of a displacement, (N,), at a parameter, (P,), see :meth:`~ConstantElasticity.stress_in_cells`."""
+        with self.shape.at(point):
+            return self.elasticity.stress_in_cells(self, displacement, point)
 
     @cached_property
     def free_dofs(self) -> np.ndarray:
@@ -346,9 +287,7 @@ class Discretisation(DiscreteSpace):
         )
 
     def _eigenstress(self, load: Load, tag: Tag, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
-        from hhr_dolfinx.full_order.gauss_points import eigenstress
-
-        return eigenstress(self, tag, strain, partial(self._load_vector, load))
+        return self.elasticity.eigenstress(self, tag, strain, partial(self._load_vector, load))
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the current mesh, and the pair of each."""
@@ -370,8 +309,7 @@ class Discretisation(DiscreteSpace):
                     f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
                 )
             changes = item.gap_terms(surfaces, part) if hasattr(item, "gap_terms") else []
-            if changes and self.reshaped is not None:
-                self.reshaped.check_still(f"contact {place}", surfaces[0].nodes, changes)
+            self.shape.check_still(f"contact {place}", surfaces[0].nodes, changes)
             opened += [(place, term) for term in changes]
             if self.scene.overwritten(place):
                 if changes:
@@ -390,6 +328,26 @@ def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarra
     gaps = opened - (rows.matrix @ lifts).toarray()
     gaps[:, 0] += rows.gap
     return gaps
+
+
+def _nodes_of_several(acting: csr_matrix, pairs: np.ndarray, dimension: int) -> np.ndarray:
+    """Nodes on which conditions of several contacts act along one line, by the rows of B T, (m, N), and their contacts.
+
+    These conditions may say the same; those along other lines, as in a corner, do not.
+    """
+    entries = acting.tocoo()
+    nodes, component = np.divmod(entries.col, dimension)
+    several = csr_matrix((np.ones(entries.nnz), (pairs[entries.row], nodes))).getnnz(axis=0) > 1
+    found = []
+    for node in np.flatnonzero(several):
+        here = nodes == node
+        rows, place = np.unique(entries.row[here], return_inverse=True)
+        ways = np.zeros((rows.size, dimension))
+        ways[place, component[here]] = entries.data[here]
+        apart = pairs[rows][:, None] != pairs[rows]
+        if (np.abs(normalised(ways) @ normalised(ways).T) > ONE_LINE)[apart].any():
+            found.append(node)
+    return np.array(found, dtype=int)
 
 
 def _without_columns(matrix, columns):

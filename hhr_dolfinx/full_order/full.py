@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.answer_mesh import answer_mesh_of
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import System, UserSystem, system_of
+from hhr_dolfinx.full_order.system import StatedSystem, System, system_of
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -83,9 +83,8 @@ class FullOrderModel(FullModel):
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals = None
             if scene.outputs:
-                from hhr_dolfinx.full_order.outputs import functionals_of
-
-                self.functionals = functionals_of(self.discretisation, self.problem, self.equilibrium)
+                shape = self.discretisation.shape
+                self.functionals = shape.outputs(self.discretisation, self.problem, self.equilibrium)
         guard = registry.offered("small_strains") or Guard
         self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
@@ -104,21 +103,18 @@ class FullOrderModel(FullModel):
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
-        user: UserSystem | None = None
+        stated: StatedSystem = discretisation.shape
         if self.scene.system is not None:
             given = registry.tool("systems", f"scene '{self.scene.name}', which has a system of its own,")
-            user = given(self.scene, stiffness, discretisation.springs)
-        problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli), user)
-        if discretisation.reshaped is not None:
-            problem = discretisation.reshaped.attached(problem)
+            stated = given(self.scene, stiffness, discretisation.springs)
+        problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli), stated)
         self.problem = problem
         self.parameters = problem.parameters
         self.law = problem.law
         few = self.has_room(problem.free.size)
         self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
-        makers = lambda: self.stiffness, self._stiffness_of
-        self.system = system_of(problem, *makers) if user is None else user.system(problem, *makers)
+        self.system = stated.system(problem, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of bodies with laws
         # are used for whole load paths
@@ -128,8 +124,7 @@ class FullOrderModel(FullModel):
         ordering = "mumps" if anew else "qmd"
         self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         self.stiffness = self._middle()
-        if user is not None:
-            self.problem, self.stiffness = user.read(self.system, problem)
+        self.problem, self.stiffness = stated.read(self.system, problem)
         matrix = self.stiffness.matrix
         with self.store.of(matrix) as factors:
             check_regular(problem, matrix, factors.solve, self.scene.name)

@@ -22,8 +22,6 @@ def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
 ) -> AllOutputs:
     """All outputs of a scene, on all ranks; collective. SceneError for an output that the model does not support."""
-    if problem.reshaped is not None:
-        return problem.reshaped.outputs(problem)
     probes = [probe_of(output, discretisation, problem, equilibrium) for output in discretisation.scene.outputs]
     return prepared_outputs(probes, 0 if equilibrium is None else equilibrium.places)
 

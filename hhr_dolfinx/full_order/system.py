@@ -207,8 +207,8 @@ class SummedSystem(_OfParts):
         return problem, stiffness, problem.spread.of(problem.loads_at(point, theta))
 
 
-class UserSystem(Protocol):
-    """User-defined system of a scene, which the tool ``systems`` makes of the scene, parts of K, and springs.
+class StatedSystem(Protocol):
+    """System of a scene; a user-defined one the tool ``systems`` makes of the scene, parts of K, and springs.
 
     The parts of K of its bodies are local rows of all dofs without springs, (own, N) each; springs are the stiffness to
     ground of each dof, (N,), or None.
@@ -226,8 +226,6 @@ class UserSystem(Protocol):
 
 def system_of(problem: ContactProblem, *makers: Any) -> System:
     """The system of a problem, by ``middle`` and ``made``: which data of it depend on parameters."""
-    if problem.reshaped is not None:
-        return problem.reshaped.system(problem, *makers)
     if not problem.moduli:
         return ConstantSystem(problem, *makers)
     bodies = ScaledBodies.of(problem)

@@ -4,6 +4,7 @@ import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 from scenes import check_like, largest_difference
 from scipy.sparse import block_diag, csc_matrix, csr_matrix, diags, identity, kron, triu
 
@@ -103,6 +104,7 @@ def test_a_matrix_that_is_singular_between_them_is_refused():
         factors(np.arange(55, 85), csr_matrix(values))
 
 
+@needs("elasticity")
 def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
     make = lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})  # noqa: E731
     with_them = hhr.FullOrderModel(make(), MPI.COMM_SELF)
@@ -117,6 +119,7 @@ def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
             assert largest_difference(getattr(one.gradient, of), getattr(other.gradient, of)) < 1e-10
 
 
+@needs("elasticity")
 def test_an_answer_is_completed_after_another_point_was_factored():
     """What contact forces push takes a solution by factors of its own point, whoever has put others in their place."""
     full = hhr.FullOrderModel(contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), MPI.COMM_SELF)

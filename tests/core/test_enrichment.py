@@ -125,6 +125,7 @@ def pair_and_stop():
     return training.full_order, training.build(hhr.Recipe().as_it_is())
 
 
+@needs("shared_nodes")
 def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
     """The function of the stop was once taken for the pair too: clamps moved by 4e-4, and rows stayed dependent."""
     full, model = pair_and_stop
@@ -164,6 +165,7 @@ def test_a_basis_that_moves_clamps_is_refused(hertz, few_modes):
         enrich(hertz.problem, np.linalg.qr(basis + 1e-6)[0], sets, kappa_max=5.0)
 
 
+@needs("shared_nodes")
 def test_conditions_that_say_the_same_are_told(pair_and_stop):
     """On an imposed master a pair is a stop: no basis helps, and more modes were advised."""
     scene = pair_and_stop[0].scene

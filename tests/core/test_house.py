@@ -175,13 +175,13 @@ def own(names):
 
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
 OF_NEITHER = {"kmedoids", "matplotlib", "pyvista", "sklearn"} | own(
-    "full_order.outputs full_order.varying models.eliminations.block models.gradient models.many outputs "
+    "full_order.outputs plugins.elasticity.parts models.eliminations.block models.gradient models.many outputs "
     "plugins.studies.plots reduction.starts sampling"
 )
 """Outputs, gradients, many parameters at once, stiffness that varies, samplings and pictures."""
 UNNEEDED = {
     "elastic": OF_NEITHER | {"shapely"} | own(
-        "formulas full_order.gauss_points models.functionals.functional models.functionals.kinds"),
+        "formulas plugins.elasticity.gauss_points models.functionals.functional models.functionals.kinds"),
     "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }  # fmt: skip
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import present
+from needs import needs, present
 from scenes import pressed_block, with_bodies
 from test_registry import Entry
 
@@ -88,12 +88,16 @@ def years(answer):
     return answer.age * 10
 
 
+BESIDE = [registry.installed()["elasticity"]] if present("elasticity") else []
+"""The plug-in of the stiffness of bodies with laws, which keep their volume."""
+
+
 @pytest.fixture
 def registered(monkeypatch):
     def found(*plugins):
         # forms are compiled meanwhile, which asks for other groups
         others = importlib.metadata.entry_points
-        mine = [Entry(item) for item in plugins]
+        mine = [Entry(item) for item in (*plugins, *BESIDE)]
         known = lambda **asked: mine if asked.get("group") == GROUP else others(**asked)  # noqa: E731
         monkeypatch.setattr(importlib.metadata, "entry_points", known)
         for name in ("installed", "memories", "asked_of_answers", "facet"):
@@ -133,6 +137,7 @@ def test_laws_of_two_plug_ins_make_no_scene(registered):
         replace(given, bodies=(*given.bodies, hhr.Body("another", 1.0, 0.3, others)))
 
 
+@needs("elasticity")
 def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
     """Where laws are not read they are never taken for elastic bodies."""
     registered(ageing())

@@ -35,7 +35,7 @@ def training(request):
 
 
 MAKE = {
-    "full order": ((), lambda training: training.full_order),
+    "full order": (("elasticity",), lambda training: training.full_order),
     "condensed": (("moduli",), lambda training: training.condense()),
     "HHR": (("moduli",), lambda training: training.build(hhr.Recipe().as_it_is())),
     "fallback": (("moduli", "fallback"), lambda training: training.safe_model(0.5, recipe=hhr.Recipe().as_it_is())),
@@ -111,6 +111,7 @@ def test_shapes_are_refused(alone):
         hhr.FullOrderModel(varying)
 
 
+@needs("elasticity")
 def test_condensation_is_refused(alone, trained):
     with pytest.raises(NotOfferedError, match=r"condenses scene .*, whose stiffness or shape depends on"):
         hhr.condense(trained.full_order)
@@ -118,6 +119,7 @@ def test_condensation_is_refused(alone, trained):
         trained.condense()
 
 
+@needs("elasticity")
 def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, tmp_path):
     """The same basis and RID as with the plug-in, so that answers are off by what the reduction leaves."""
     with pytest.warns(NoBoundWarning, match="no installed plug-in knows"):

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import split
 from bare import python
 from needs import OURS, needs, present
-from scenes import pressed_block
+from scenes import pressed_block, with_bodies
 from shell import invoke
 
 import hhr_dolfinx as hhr
@@ -203,6 +204,13 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
         hhr.MeshFile(tmp_path / "mesh.med").read()
     with said("floating"):
         hhr.FullOrderModel(dataclasses.replace(scene, displacements=()))
+    for beyond in ({"poisson": 0.49}, {"young": "1 + push"}, {"grading": lambda x: 1 + x[0]}):
+        with said("elasticity"):
+            hhr.FullOrderModel(with_bodies(scene, **beyond))
+    halves = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
+    with said("shared_nodes"):
+        hhr.FullOrderModel(split.scene(halves))
+    assert hhr.FullOrderModel(split.scene(halves[:1], outputs=())).conditions == 5
 
 
 @pytest.mark.usefixtures("without")

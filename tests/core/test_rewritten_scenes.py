@@ -132,10 +132,12 @@ def differences(first, second):
     return [np.abs(a - b).max() / max(np.abs(a).max(), 1e-300) for a, b in pairs]
 
 
+OF_PLUGINS = {"formula": ("elasticity",), "halves": ("shared_nodes",)}
 WAYS = ("formula", "scaled", "split", "order", "halves")
 POINTS = st.fixed_dictionaries({name: st.floats(0.0, 1.0) for name in NAMES})
 
 
+@needs("elasticity", "shared_nodes")
 @given(st.integers(0, 10_000), st.sets(st.sampled_from(WAYS), min_size=1), POINTS)
 @settings(max_examples=12, derandomize=True)
 def test_a_scene_written_in_another_way_has_the_same_answers(seed, ways, point):
@@ -144,7 +146,7 @@ def test_a_scene_written_in_another_way_has_the_same_answers(seed, ways, point):
     assert max(differences(solved(first.scene(), point), solved(rewritten.scene(), point))) < SAME
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [pytest.param(way, marks=needs(*OF_PLUGINS.get(way, ()))) for way in WAYS])
 def test_each_way_alone_where_contact_is_partly_open(way):
     first = Drawn(drawn_numbers(3))
     point = {"push": 0.6, "pull": 0.8, "lowered": 0.4}
@@ -240,6 +242,7 @@ PAIRINGS = [
 ]
 
 
+@needs("shared_nodes")
 @pytest.mark.parametrize(("pairing", "cells"), PAIRINGS)
 def test_an_interface_stated_as_two_pairs_is_one(pairing, cells):
     """Conditions at the shared node are one, whose force both pairs share: nothing is lost or counted twice."""

@@ -217,7 +217,7 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
         assert answer.estimate().forces_euclid == pytest.approx(known.estimate().forces_euclid, rel=1e-3)
 
 
-@needs("checks", "nonmatching")
+@needs("checks", "nonmatching", "ranks")
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
     """Measured on one core: 96,288 dofs and 1089 conditions .64 GB and 9 s for factors, .010 s a column."""
     from hhr_dolfinx.plugins.checks.check import check_scene

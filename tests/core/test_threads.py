@@ -318,6 +318,7 @@ def stiffness(full, matrix, store, kind=SparseStiffness):
     return kind(matrix, full.problem, store)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("most", [1, 2, THREADS])
 def test_threads_share_a_store(most, full, matrices):
     """Each solves with its own matrix, bit by bit as one thread, and S is that of dense algebra; the store has room."""
@@ -338,6 +339,7 @@ def test_threads_share_a_store(most, full, matrices):
     assert len(made) == most
 
 
+@needs("elasticity")
 def test_what_is_in_the_store_is_not_factored_again(full, matrices):
     """The matrix that was not used for longest gives way."""
     make, made = counting(full)
@@ -353,6 +355,7 @@ def test_what_is_in_the_store_is_not_factored_again(full, matrices):
         assert factors is made[0]
 
 
+@needs("elasticity")
 def test_a_thread_leases_one_matrix_at_a_time(full, matrices):
     """The same one again within its lease; another one is refused, since threads would wait for each other."""
     store = FactorStore(counting(full)[0], 2)
@@ -367,6 +370,7 @@ def test_a_thread_leases_one_matrix_at_a_time(full, matrices):
         assert factors.holds(other)
 
 
+@needs("elasticity")
 def test_a_refused_matrix_leaves_the_store_as_it_was(full, matrices):
     """Behind one that is singular others are factored, by the same thread and by others."""
     store = FactorStore(counting(full)[0])
@@ -379,6 +383,7 @@ def test_a_refused_matrix_leaves_the_store_as_it_was(full, matrices):
         np.testing.assert_array_equal(found, expected)
 
 
+@needs("elasticity")
 @needs("inelastic")
 def test_lazy_columns_are_those_of_s(full, matrices):
     """Of the conditions that were active; forces elsewhere are none."""

@@ -8,11 +8,11 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.expected import expected_in_space
-from hhr_dolfinx.full_order.free_bodies import described, free_bodies
+from hhr_dolfinx.full_order.free_bodies import free_bodies
 from hhr_dolfinx.full_order.with_laws import BodiesWithLaws, with_laws
 from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
@@ -95,8 +95,6 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWith
     laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
     terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
-    if discretisation.reshaped is not None:
-        problem = discretisation.reshaped.attached(problem)
     return discretisation.checked(problem), laws
 
 
@@ -104,10 +102,11 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
     dofs = problem.free.size
     conditions = len(problem.gaps)
     size = f"{dofs} dofs and {conditions} conditions of contact"
-    if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
+    expected = registry.offered("expected_in_space")
+    if problem.block_size == 2 or dofs < LARGE_IN_SPACE or expected is None:
         found.say(size)
         return
-    memory, seconds, keeps = expected_in_space(problem.contact)
+    memory, seconds, keeps = expected(problem.contact)
     kept = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
     found.say(f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
@@ -226,7 +225,7 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     free = free_bodies(found.scene, problem, found.meshed.cell_bodies(), found.meshed.springs)
     for body in free:
         found.note(
-            f"{body.name} is held by contact alone: without contact it {described(body, body.left)}. If that is not "
+            f"{body.name} is held by contact alone: without contact it {body.described(body.left)}. If that is not "
             "meant, hold it by a Displacement"
         )
     if not free:

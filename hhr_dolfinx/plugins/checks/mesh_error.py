@@ -21,8 +21,8 @@ from ufl.core.expr import Expr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.forms import elasticity
+from hhr_dolfinx.full_order.elasticity import field_of
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.full_order.stress import field_of, stress_in_body
 from hhr_dolfinx.models.answer import Answer
 
 PRECISE = 1e-8
@@ -74,7 +74,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
     point = answer.parameter
     if len(answer.displacement()) != full.problem.free.size or len(answer.forces()) != full.conditions:
         raise ParameterError(f"the answer is of another scene or mesh than '{scene.name}', of which the full model is")
-    with discretisation.lying_at(point):
+    with discretisation.shape.at(point):
         field = field_of(discretisation, answer.displacement())
         parts = np.array([_energies(full, place, field, point) for place in range(len(scene.bodies))])
         bearing = _nodal_forces(full, field, point)
@@ -91,7 +91,7 @@ def _nodal_forces(full: FullOrderModel, field: fem.Function, point: np.ndarray) 
     virtual = elasticity.strain(test, full.scene.hypothesis)
     total = np.zeros(full.problem.free.size)
     for k, body in enumerate(full.scene.bodies):
-        work = weight * ufl.inner(stress_in_body(discretisation, k, field, point), virtual)
+        work = weight * ufl.inner(discretisation.elasticity.stress(discretisation, k, field, point), virtual)
         total += np.real(fem.assemble_vector(fem.form(work * discretisation.cells(body.tag))).array)[: total.size]
     return total
 
@@ -104,7 +104,7 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     mesh = discretisation.mesh
     weight = elasticity.volume_weight(mesh, scene.hypothesis)
     dx = discretisation.cells(body.tag)
-    sigma = stress_in_body(discretisation, place, field, point)
+    sigma = discretisation.elasticity.stress(discretisation, place, field, point)
     scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
     trial = ufl.TrialFunction(scalars)
     test = ufl.TestFunction(scalars)

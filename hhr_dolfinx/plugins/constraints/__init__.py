@@ -21,7 +21,10 @@ PLUGIN = Plugin(
     name="constraints",
     needs=("mortar",),
     public=_PLACES,
-    tools={"constraints": "hhr_dolfinx.plugins.constraints.elimination:eliminated"},
+    tools={
+        "constraints": "hhr_dolfinx.plugins.constraints.elimination:eliminated",
+        "joined_bodies": "hhr_dolfinx.plugins.constraints.bodies:joined_bodies",
+    },
     parts={
         "loads": {
             "hhr_dolfinx.plugins.constraints.couplings": "CoupledForce",

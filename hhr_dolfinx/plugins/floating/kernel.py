@@ -26,7 +26,7 @@ from hhr_dolfinx.errors import (
     SceneWarning,
     rounded,
 )
-from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
+from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
 from hhr_dolfinx.plugins.floating.interpolated import MotionsBeside
@@ -125,7 +125,7 @@ class RigidKernel:
             vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), problem.block_size))
             touched = np.abs(problem.contact @ vector.ravel()).max(initial=0.0)
             if touched == 0.0:
-                raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}. {remedy}")
+                raise NotSolvableError(f"{body.name} can move freely: it {body.described(body.left)}. {remedy}")
         columns = [body.columns(len(problem.points)) for body in bodies]
         # bodies have no common nodes
         motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
@@ -142,7 +142,7 @@ class RigidKernel:
         if round_.any():
             idle = np.hstack([idle, rigid[:, round_]])
             rigid = rigid[:, ~round_]
-        loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in bodies)
+        loose = "; ".join(f"{body.name} {body.described(body.left)}" for body in bodies)
         law = problem.law
         if rigid.shape[1] and law.plugin and not law.floats:
             if "range" not in registry.installed()[law.plugin].facets:
@@ -351,7 +351,7 @@ def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.nda
             if np.abs(own).max() > ALMOST_NONE * np.abs(motion).max():
                 flat = body.motions.reshape(len(body.motions), -1)
                 way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
-                texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
+                texts.append(f"{body.name} {body.described(way[None] / np.linalg.norm(way))}")
         text = " while ".join(texts)
         if loaded:
             raise NotSolvableError(

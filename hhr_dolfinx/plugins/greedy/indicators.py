@@ -24,12 +24,14 @@ from hhr_dolfinx.certify.accuracy import force_floor, norm
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
 from hhr_dolfinx.contact.prolongation import Prolongation
-from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.errors import LockingWarning, ReductionError, StudyError
 from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.full_order.elasticity import elasticity_of
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -207,8 +209,8 @@ class CellStiffness:
     def at(self, point: np.ndarray) -> csr_matrix:
         """K of the cells at a point, (P,)."""
         terms = self.terms
-        if self.part.reshaped is not None:
-            with self.part.lying_at(point):
+        if self.part.scene.shapes:
+            with self.part.shape.at(point):
                 terms, _ = _terms(self.part)
         if not self.moduli:
             return terms[0]
@@ -231,10 +233,10 @@ def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisati
     first = sum(discretisation.group.gathered(owned)[: discretisation.group.number])
     kept = np.isin(tags.indices, cells - first) & (tags.indices < owned)
     part = copy(discretisation)
-    vars(part).pop("_stiffness_form", None)
     part._cell_tags = meshtags(mesh, mesh.topology.dim, tags.indices[kept], tags.values[kept])
     part._dx = ufl.Measure("dx", domain=mesh, subdomain_data=part._cell_tags)
-    part.common_pattern = None
+    with ignored(LockingWarning):  # building the model has warned
+        part.elasticity = elasticity_of(part)
     return part
 
 

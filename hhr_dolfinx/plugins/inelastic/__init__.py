@@ -29,7 +29,7 @@ def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    needs=("small_strains", "programs"),
+    needs=("elasticity", "small_strains", "programs"),
     optional=("studies",),
     public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": "FlowDeim StressDeim"},
     parts={

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +26,13 @@ from hhr_dolfinx.group import group_of, share
 from hhr_dolfinx.linear.rows import rows_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
+from hhr_dolfinx.plugins.elasticity.parts import with_springs
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
-from hhr_dolfinx.plugins.inelastic.outputs import FlowEnergy, FlowMises, energy, mises
+from hhr_dolfinx.plugins.inelastic.outputs import FlowEnergy, FlowMises, check_elasticity, energy, mises
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -67,7 +68,10 @@ class GaussModel:
         return mises(self.operator, output, cells)
 
     def energy(self, output: NamedOutput) -> FlowEnergy:
-        """Elastic energy of an output."""
+        """Elastic energy of an output; SceneError for a law that changes the elasticity of its body."""
+        # in plane stress a law at rest depends on strains across, and may flow there as if they were none
+        whole = material_at(self.discretisation, self.bodies, self.operator, flat=False)
+        check_elasticity(whole, self.discretisation.scene.parameters, output)
         return energy(self.operator, self.material, output)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
@@ -86,8 +90,6 @@ class LawsOnMesh(Discretisation):
         pattern = operator.pattern()
         parts = stiffness_parts(material, operator, pattern)
         if self.springs is not None:
-            from hhr_dolfinx.full_order.varying import with_springs
-
             parts = with_springs(self.scene.parameters.names, self.springs, *parts)
         return GaussModel(self, operator, material, bodies, pattern, *parts)
 
@@ -147,8 +149,8 @@ class FullEquilibrium(MeshEquilibrium):
         self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
         self._lay(gauss, problem)
         self.places = gauss.places
-        self.mises = partial(mises, gauss.operator)
-        self.energy = partial(energy, gauss.operator, gauss.material)
+        self.mises = gauss.mises
+        self.energy = gauss.energy
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
         self.lifts = problem.lifts

@@ -16,8 +16,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms.elasticity import kelvin, unit_moduli
 from hhr_dolfinx.formulas import Modulus, coordinate_names
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.gauss_points import averaged, gradings, tabulated
 from hhr_dolfinx.loads import checked_terms
+from hhr_dolfinx.plugins.elasticity.eigenstrains import averaged
+from hhr_dolfinx.plugins.elasticity.gauss_points import degree_of, gradings, tabulated
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box, parameters_of
 from hhr_dolfinx.plugins.inelastic.law import UNGRADED, Graded
 from hhr_dolfinx.plugins.inelastic.laws import Elasticity, LinearStress
@@ -34,7 +35,7 @@ def places_of(discretisation: DiscreteSpace) -> np.ndarray:
     """Coordinates of all Gauss points, (points, d)."""
     mesh = discretisation.mesh
     cells = np.arange(discretisation.cell_bodies().size, dtype=np.int32)
-    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
+    points, _ = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
     place = compat.jitted(fem.Expression, ufl.SpatialCoordinate(mesh), points).eval(mesh, cells)
     return np.reshape(place, (-1, mesh.geometry.dim))
 
@@ -57,15 +58,20 @@ def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
     return found
 
 
-def material_at(discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
+def material_at(
+    discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator, *, flat: bool | None = None
+) -> Material:
+    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,).
+
+    They are stated for plane stress if ``flat``, by default in scenes of plane stress.
+    """
     scene = discretisation.scene
+    flat = scene.hypothesis == "plane_stress" if flat is None else flat
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
     for place, body in enumerate(scene.bodies):
         young, ratio = (text if isinstance(text, str) else float(text) for text in (body.young, body.poisson))
         grading = grading_at(discretisation, place)
-        flat = scene.hypothesis == "plane_stress"
         stated = Elasticity() if body.law is None and flat else body.law
         if body.stress is not None:
             stated = LinearStress(body.stress)
@@ -151,7 +157,7 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
     """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()
-    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
+    points, _ = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
     found = np.zeros((bodies.size, operator.per_cell, operator.components))
     for place, body in enumerate(discretisation.scene.bodies):
         given = load.eigenstrain_of(body.tag, mesh)

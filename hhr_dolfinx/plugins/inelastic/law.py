@@ -371,12 +371,12 @@ class LawProgram(Rebuilt):
         if not self.elastic:
             return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
         numbers = [value if is_number(value) else math.nan for value in self.values]
-        elastic = self._at_rest(np.array([[young], [poisson], *([value] for value in numbers)]))[0]
+        elastic = self.tangents_at_rest(np.array([[young], [poisson], *([value] for value in numbers)]))[0]
         if not np.isfinite(elastic).all():
             raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
-    def _at_rest(self, constants: np.ndarray) -> np.ndarray:
+    def tangents_at_rest(self, constants: np.ndarray) -> np.ndarray:
         """Tangents without strain and memory, (n, c, c), for E, ν and the constants of a law, (2 + constants, n)."""
         strains = self.strains
         count = constants.shape[1]

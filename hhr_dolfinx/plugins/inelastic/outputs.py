@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.models.histories.equilibrium import StressOutput
 from hhr_dolfinx.outputs import no_rows
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
-from hhr_dolfinx.plugins.inelastic.update import Material
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 if TYPE_CHECKING:
     from hhr_dolfinx.outputs import NamedOutput
@@ -48,48 +52,88 @@ def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> 
     return FlowMises(output.name, output.unit, *no_rows(), *of_points)
 
 
+SAME = 1e-9
+"""Part of the elasticity by which that at rest differs by round-off."""
+
+
 @dataclass(frozen=True, eq=False)
 class FlowEnergy(Functional):
-    """Elastic energy ∫ σ : C^-1 σ / 2 at all Gauss points; derivatives of histories do not include the stress."""
+    """Elastic energy ∫ σ : C^-1 σ / 2 at all Gauss points; derivatives of histories do not include the stress.
+
+    C^-1 is a sum of parts with factors of the parameters: of an isotropic body, (1 + ν) / E of the identity and -ν / E
+    of the trace.
+    """
 
     differentiable = False
 
     names: tuple[str, ...]  # of the parameters
-    young: tuple[str, ...]  # factor of C of each body as a formula
-    compliances: Annotated[Floats, "bodies", "components", "components"]  # C^-1 of each body for this factor 1
-    bodies: Annotated[Integers, "points", "< bodies"]  # body of each Gauss point
-    weights: Annotated[Floats, "points"]  # quadrature weight times volume of each
+    factors: tuple[str, ...]  # of the parts of C^-1 of all bodies as formulas, (k,)
+    owners: Annotated[Integers, "parts"]  # body of each part, (k,)
+    compliances: Annotated[Floats, "parts", "components", "components"]  # each part for its factor 1
+    bodies: Annotated[Integers, "points"]  # body of each Gauss point
+    weights: Annotated[Floats, "points"]  # quadrature weight times volume of each, over the grading of C
 
     def __post_init__(self) -> None:
-        _ = self._young
+        _ = self._factors
 
     @cached_property
-    def _young(self) -> tuple[Scalar, ...]:
-        return tuple(Scalar(text, tuple(self.names)) for text in self.young)
+    def _factors(self) -> tuple[Scalar, ...]:
+        return tuple(Scalar(text, tuple(self.names)) for text in self.factors)
 
     def value(self, state: State) -> float:
         """Sum over all Gauss points."""
         stress = state.stress()
         found = 0.0
-        for body, (young, compliance) in enumerate(zip(self._young, self.compliances, strict=True)):
-            own = self.bodies == body
+        for factor, owner, compliance in zip(self._factors, self.owners, self.compliances, strict=True):
+            own = self.bodies == owner
             # sizes of files are tried with stresses of four components
             few = compliance[: stress.shape[1], : stress.shape[1]]
             energies = np.einsum("pi,ij,pj->p", stress[own], few, stress[own])
-            found += float(self.weights[own] @ energies) / (2 * young.value(state.point))
+            found += float(self.weights[own] @ energies) * factor.value(state.point) / 2
         return found
 
 
 def energy(operator: StrainOperator, material: Material, output: NamedOutput) -> FlowEnergy:
-    """Elastic energy of an output at all Gauss points, with E as a factor of C where it is a formula."""
+    """Elastic energy of an output at all Gauss points."""
     bodies = np.empty(material.gauss_points, dtype=np.int64)
-    young = []
-    compliances = []
+    weights = operator.weights.flatten()
+    factors: list[str] = []
+    compliances: list[np.ndarray] = []
+    owners: list[int] = []
     for body, group in enumerate(material.groups):
         bodies[group.indices] = body
-        varies = isinstance(group.young, str)
-        young.append(str(group.young) if varies else "1")
-        unit = replace(group, young=1.0) if varies else group
-        compliances.append(unit.elasticity(material.components)[1])
-    arrays = np.array(compliances), bodies, operator.weights.ravel()
-    return FlowEnergy(output.name, output.unit, *no_rows(), tuple(material.names), tuple(young), *arrays)
+        if group.grading.size:
+            weights[group.indices] /= group.grading
+        for factor, compliance in _compliances(group, material.components):
+            factors.append(factor)
+            compliances.append(compliance)
+            owners.append(body)
+    arrays = np.array(owners, dtype=np.int64), np.array(compliances), bodies, weights
+    return FlowEnergy(output.name, output.unit, *no_rows(), tuple(material.names), tuple(factors), *arrays)
+
+
+def _compliances(group: Group, components: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Parts of C^-1 of a group for the grading 1: a factor as a formula, and what it multiplies, (c, c)."""
+    if not group.texts or (group.law is not None and group.law.elastic):
+        yield "1", group.elasticity(components)[1]
+        return
+    # in plane stress too, where no stress is across
+    unit = np.where(np.arange(components) < 3, 1.0, 0.0)
+    yield f"(1 + ({group.poisson})) / ({group.young})", np.eye(components)
+    yield f"-({group.poisson}) / ({group.young})", np.outer(unit, unit)
+
+
+def check_elasticity(material: Material, space: ParameterSpace, output: NamedOutput) -> None:
+    """Raise SceneError for a law, not of plane stress, whose slope at rest is not C of its body somewhere in a box."""
+    for point in (space.lower, space.middle, space.upper):
+        there = material.at(np.array(point, dtype=float))
+        for group, given in zip(there.groups, there.given, strict=True):
+            if group.law is None or isinstance(group.law, LawCode):  # code states none at rest
+                continue
+            elastic = there.elastic[group.indices]
+            if np.abs(group.law.tangents_at_rest(given.constants) - elastic).max() > SAME * np.abs(elastic).max():
+                raise SceneError(
+                    f"output '{output.name}': the law {group.law.name} changes the elasticity of its body, and "
+                    "∫ σ : C^-1 σ / 2 needs that of the current point, of which outputs know E, ν and the grading "
+                    "alone: leave it out"
+                )

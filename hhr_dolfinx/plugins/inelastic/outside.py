@@ -6,6 +6,7 @@ What holds data and no code refuses them: condensed models, files, pages, C and 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -76,8 +77,6 @@ class OutsideLaw(Law):
 class LawCode(LawProgram):
     """Code instead of a program, with its interface."""
 
-    linear = False  # nobody knows it of code
-
     def __init__(self, law: OutsideLaw, strains: int, values: tuple[float | str, ...] = ()):
         self.law = law
         self.own = law_sizes(KNOWN, strains) | law.memory_of(strains)
@@ -98,6 +97,11 @@ class LawCode(LawProgram):
             f"{self.name} is code outside of UFL, and files, condensed models, pages, C and FMUs hold none: take full "
             "and hyper-reduced models in memory, and keep the answers, folder=..., of which these are built again"
         )
+
+    @cached_property
+    def linear(self) -> bool:
+        """False: nothing is known of code."""
+        return False
 
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
         """See :class:`LawProgram`."""

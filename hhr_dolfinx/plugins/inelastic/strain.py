@@ -1,6 +1,6 @@
 """Strain and internal forces through Gauss points: arrays tabulated once, loops compiled by numba.
 
-The arrays come from UFL, by :mod:`hhr_dolfinx.full_order.gauss_points`; this module depends on neither mesh nor
+The arrays come from UFL, by :mod:`hhr_dolfinx.plugins.elasticity.gauss_points`; this module depends on neither mesh nor
 physics. A reduced model uses the same operator with the cells of its RID.
 """
 

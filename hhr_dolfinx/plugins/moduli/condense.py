@@ -317,7 +317,8 @@ def _check_motions(problem: ContactProblem) -> None:
 
 def _check_supports(full: Any) -> None:
     """Refuse a user-defined system that leaves motions at a corner of the box and not in the middle."""
-    from hhr_dolfinx.full_order.free_bodies import described, free_bodies, unresisted
+    from hhr_dolfinx.full_order.free_bodies import free_bodies
+    from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 
     problem: ContactProblem = full.problem
     if problem.kernel is not None:
@@ -329,7 +330,7 @@ def _check_supports(full: Any) -> None:
         if left:
             raise NotSolvableError(
                 f"at {problem.parameters.described(point)} nothing but contact holds {left[0].name} which "
-                f"{described(left[0], left[0].left)} there: K is singular at this corner of the box, and S grows "
+                f"{left[0].described(left[0].left)} there: K is singular at this corner of the box, and S grows "
                 "without limit towards it, so that nothing interpolates it. Narrow the box"
             )
 

@@ -4,4 +4,9 @@ from __future__ import annotations
 
 from hhr_dolfinx.registry import Plugin
 
-PLUGIN = Plugin(name="ranks", tools={"group": "hhr_dolfinx.plugins.ranks.group:Ranks"})
+_HERE = "hhr_dolfinx.plugins.ranks"
+
+PLUGIN = Plugin(
+    name="ranks",
+    tools={"group": f"{_HERE}.group:Ranks", "expected_in_space": f"{_HERE}.expected:expected_in_space"},
+)

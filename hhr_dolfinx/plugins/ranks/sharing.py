@@ -7,8 +7,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.group import Group
+from hhr_dolfinx.plugins.ranks.expected import expected_in_space
 from hhr_dolfinx.scene import Scene
 
 ROOM = 0.8

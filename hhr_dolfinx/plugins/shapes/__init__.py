@@ -18,7 +18,7 @@ def _reshaped(full: FullModel, recipe: object) -> bool:
 
 PLUGIN = Plugin(
     name="shapes",
-    needs=("moduli", "stress"),
+    needs=("elasticity", "moduli", "stress"),
     public={f"{_HERE}.shape": "Shape"},
     classes={
         f"{_HERE}.cells": "Middles MovingCells",

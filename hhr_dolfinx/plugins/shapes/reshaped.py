@@ -14,21 +14,29 @@ from dolfinx import fem
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotOfferedError, PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
+from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.full_order.system import System
+from hhr_dolfinx.plugins.elasticity.gauss_points import degree_of
+from hhr_dolfinx.plugins.elasticity.locking import SIMPLICES
 from hhr_dolfinx.plugins.shapes.cells import Middles, MovingCells
 from hhr_dolfinx.plugins.shapes.interpolated import reshaped_functionals
 from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
+    import ufl
+
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.contact.stiffness import Stiffness
-    from hhr_dolfinx.full_order.system import Parts
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+    from hhr_dolfinx.full_order.system import Made, Middle, Parts
     from hhr_dolfinx.loads import Term
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
 
 CLOSE = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
@@ -43,6 +51,18 @@ CORNERS = 33
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
 round-off of the assembly dominates."""
+
+
+def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
+    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in reduced models.
+
+    On simplices the strain has a degree one below the displacement; in axisymmetry they use more points, for weights
+    1 / r. Other cells use one point more than their order along each axis, the usual full integration: exact on
+    parallelograms and parallelepipeds. All weights are positive: the rule of degree 3 on tetrahedra has a negative one.
+    """
+    if cell in SIMPLICES:
+        return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2
+    return 2 * order + 1
 
 
 class ReassembledSystem(System):
@@ -70,7 +90,7 @@ class ReassembledSystem(System):
         return found[: unknown.size], found[unknown.size :]
 
 
-class Reshaped:
+class Reshaped(StillMesh):
     """Deforms the mesh of a scene and assembles its problem again; serial.
 
     See :class:`~hhr_dolfinx.contact.problem.Reshaping`. The discretisation owns the mesh, which has the shape of the
@@ -78,7 +98,6 @@ class Reshaped:
     the parameter range.
     """
 
-    system = staticmethod(ReassembledSystem)
     interpolated_outputs = staticmethod(reshaped_functionals)
 
     def __init__(self, discretisation: Any):
@@ -147,7 +166,7 @@ class Reshaped:
         kind = mesh.topology.cell_name()
         space = discretisation.space
         middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
-        points, weights = compat.quadrature(kind, discretisation.gauss_degree)
+        points, weights = compat.quadrature(kind, degree_of(discretisation))
         # displacement and geometry have the same shape functions, with the same middles
         values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
         nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
@@ -193,6 +212,23 @@ class Reshaped:
         ShapeError if other nodes are in contact there, or the boundary of a partial pressure is displaced.
         """
         return self._kept(point[list(self.axes)].tobytes())
+
+    def system(self, problem: ContactProblem, middle: Middle, made: Made) -> ReassembledSystem:
+        """See :class:`StillMesh`."""
+        return ReassembledSystem(problem, middle, made)
+
+    def measure(self, dx: ufl.Measure) -> ufl.Measure:
+        """See :class:`StillMesh`; with the rule of reduced models."""
+        kind, order = self._owner.cells_and_order
+        return dx(degree=stiffness_degree(kind, self._owner.scene.hypothesis, order))
+
+    def check(self, law: ContactLaw) -> None:
+        """See :class:`StillMesh`."""
+        if not law.reshapes:
+            raise SceneError(
+                f"contacts of scene '{self._owner.scene.name}' have {law.name}, and shapes depend on parameters: that "
+                "is not built in for this law"
+            )
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """Attach the base problem, that of the middle of the box, whose order the others have.
@@ -253,7 +289,9 @@ class Reshaped:
             moving[owner._cell_nodes()[owner.cells_of(shape.tag)]] = True
         return moving
 
-    def outputs(self, problem: ContactProblem) -> FullShapeFunctionals:
+    def outputs(
+        self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
+    ) -> FullShapeFunctionals:
         """Outputs of the scene on the mesh of each shape."""
         return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
 

@@ -6,6 +6,7 @@ _OUTPUTS = {"hhr_dolfinx.plugins.stress.outputs": "ElasticEnergy VonMises"}
 
 PLUGIN = Plugin(
     name="stress",
+    optional=("elasticity",),
     public=_OUTPUTS,
     parts={"outputs": _OUTPUTS},
     classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises StoredEnergy"},

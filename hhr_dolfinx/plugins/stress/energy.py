@@ -56,10 +56,10 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
         found: Functional = probe.laws.energy(output)
         return found
     problem = probe.problem
-    # a unilateral condition with a force has no slack; rows that are no conditions, and other laws, have
-    unilateral = problem.law is UNILATERAL and all(getattr(pair, "unilateral", True) for pair in scene.contacts)
+    # a unilateral condition with a force has no slack; those of other laws have
+    unilateral = problem.law is UNILATERAL
     work = _work(probe, problem)
-    gap_terms = probe.terms(problem.gaps.any(axis=0) & unilateral).astype(np.int64)
+    gap_terms = probe.terms(problem.gaps.any(axis=0)).astype(np.int64)[: None if unilateral else 0]
     gaps = np.ascontiguousarray(problem.gaps[:, gap_terms])
     strained = any(hasattr(load, "eigenstrain_of") for load in scene.loads)
     springs = probe.discretisation.springs
@@ -151,9 +151,11 @@ def _text(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
 def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr) -> Iterator[tuple[str, float]]:
     """∫ own : C other / 2 of two strains of a body, 3x3: for each part of C its modulus, and the rest.
 
-    The stress is that of :func:`hhr_dolfinx.full_order.gauss_points.eigenstress`.
+    The stress is that of :func:`hhr_dolfinx.plugins.elasticity.eigenstrains.eigenstress`.
     """
-    from hhr_dolfinx.full_order.gauss_points import averaged, grading_of, parts_of
+    from hhr_dolfinx.plugins.elasticity.eigenstrains import averaged
+    from hhr_dolfinx.plugins.elasticity.gauss_points import degree_of
+    from hhr_dolfinx.plugins.elasticity.parts import grading_of, parts_of
 
     scene = discretisation.scene
     body = scene.bodies[place]
@@ -169,7 +171,7 @@ def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr
         yield "1", energy(elasticity.law_in(body.stress, hypothesis)(own), other)
         return
     if discretisation.mean_dilatation[place]:
-        dx = dx(degree=discretisation.gauss_degree)
+        dx = dx(degree=degree_of(discretisation))
     graded = averaged(discretisation, place, grading_of(discretisation, body) * averaged(discretisation, place, own))
     measured = elasticity.in_plane(averaged(discretisation, place, other), hypothesis)
     stresses = elasticity.isotropic_parts(graded, hypothesis)

@@ -119,7 +119,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     table = compat.jitted(fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
     strain = table.reshape(len(cells), components, dim * blocks.shape[1])
     if discretisation.mean_dilatation[place]:
-        from hhr_dolfinx.full_order.gauss_points import tabulated
+        from hhr_dolfinx.plugins.elasticity.gauss_points import tabulated
 
         # the trace at each Gauss point is already its mean over the cell
         mean = tabulated(discretisation, cells).gradients[:, 0, :3].sum(axis=1)
@@ -127,7 +127,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     grading = np.ones(len(cells))
     body = discretisation.scene.bodies[place]
     if body.grading is not None:
-        from hhr_dolfinx.full_order.gauss_points import grading_of
+        from hhr_dolfinx.plugins.elasticity.parts import grading_of
 
         factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
         grading = compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))

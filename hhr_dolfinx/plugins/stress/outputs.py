@@ -51,8 +51,8 @@ class ElasticEnergy(NamedOutput):
     Strains that cause no stress, thermal and plastic ones, have no part in it. Springs have none either: theirs is
     k u² / 2 each. Elastic bodies take the work of all forces, which is that energy in equilibrium, under any law of
     contact; in a reduced model it has the errors of forces and displacement. Bodies with laws take the stress where
-    laws are evaluated, with C at rest; along their histories it has no derivatives. The energy of a user-defined
-    system is all that its stiffness stores.
+    laws are evaluated, with C of E, ν and the grading; along their histories it has no derivatives. Laws that change C
+    are refused. The energy of a user-defined system is all that its stiffness stores.
     """
 
     def prepared(self, probe: ModelProbe) -> Functional:

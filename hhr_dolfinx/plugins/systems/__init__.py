@@ -4,5 +4,6 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="systems",
+    needs=("elasticity",),
     tools={"systems": "hhr_dolfinx.plugins.systems.user_system:UserSystem"},
 )

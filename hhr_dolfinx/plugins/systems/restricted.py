@@ -18,7 +18,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.system import System
-from hhr_dolfinx.full_order.varying import with_springs
+from hhr_dolfinx.plugins.elasticity.parts import with_springs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.system import Made, Parts

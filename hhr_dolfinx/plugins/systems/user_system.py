@@ -17,9 +17,10 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.stiffness import SparseStiffness
 from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError
-from hhr_dolfinx.full_order.free_bodies import FreeBody, described, unresisted
+from hhr_dolfinx.full_order.free_bodies import FreeBody
 from hhr_dolfinx.full_order.system import System, SystemAt
 from hhr_dolfinx.group import Group
+from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 from hhr_dolfinx.plugins.systems.parts import check_parts, check_symmetric, samples
 from hhr_dolfinx.plugins.systems.restricted import (
     OfAllDofs,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class UserSystem:
-    """The tool ``systems``: see :class:`~hhr_dolfinx.full_order.system.UserSystem`.
+    """The tool ``systems``: see :class:`~hhr_dolfinx.full_order.system.StatedSystem`.
 
     Attributes:
         scene: the scene.
@@ -55,6 +56,8 @@ class UserSystem:
             NotSolvableError: for motions that K leaves in the middle of the box and resists at
                 other points: they are unknowns of all answers, or of none.
         """
+        if not bodies:
+            return bodies
         with self._of_user(problem.group):
             given = self._of_all_dofs(problem)
             left = _unresisted(bodies, problem, given.at(problem.middle))
@@ -64,7 +67,7 @@ class UserSystem:
                 if sum(len(body.left) for body in here) < count:
                     raise NotSolvableError(
                         f"{left[0].name} can move freely in the middle of the box: it "
-                        f"{described(left[0], left[0].left)}, and the system of the scene resists "
+                        f"{left[0].described(left[0].left)}, and the system of the scene resists "
                         f"that at {problem.parameters.described(point)}. Choose a box in which K "
                         "always resists it, or hold the body by a displacement"
                     )

@@ -55,6 +55,7 @@ BESIDE = {
 OF_PLUGINS = {"a bedding": "places", "a system": "systems"}
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("beside", [pytest.param(name, marks=needs(OF_PLUGINS[name])) if name in OF_PLUGINS else name
                                     for name in BESIDE])  # fmt: skip
 def test_a_uniform_stress_has_no_error_beside(beside):

@@ -152,6 +152,7 @@ RESULTANTS = {
 OF_BODIES = [pytest.param(name, marks=needs("volume_loads")) for name in ("weight", "turning", "expansion")]
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("name", ["traction", "pressure", *OF_BODIES])
 def test_resultants_of_a_block(name):
     """1.5 wide and 2 high: the amplitude is 1, whatever the load says."""
@@ -162,7 +163,7 @@ def test_resultants_of_a_block(name):
     assert values == pytest.approx(wanted, rel=1e-5, abs=1e-12)
 
 
-@needs("volume_loads")
+@needs("volume_loads", "elasticity")
 def test_a_load_that_reaches_nothing_is_a_mistake():
     load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0))
     (mistake,) = texts(check_scene(replace(pressed_block("plane_strain"), loads=(load,))), MISTAKE)
@@ -277,7 +278,7 @@ def test_a_unit_of_a_parameter_is_compared_with_those_of_the_scene(unit, warned)
     )
 
 
-@needs("places")
+@needs("places", "elasticity")
 def test_a_spring_to_a_still_ground_is_no_idle_load():
     """A load whose amplitude is 0 does nothing, but a spring resists."""
     scene = pressed_block("plane_strain")

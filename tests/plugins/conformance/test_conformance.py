@@ -55,6 +55,7 @@ PASS = [
 ]  # fmt: skip
 
 
+@needs("elasticity")
 @pytest.mark.parametrize(("check", "part", "more"), [(check, part, more) for check, part, *more in PASS])
 def test_parts_that_keep_the_contract_pass(check, part, more):
     check(part, *more)
@@ -475,12 +476,14 @@ REDUCTORS = [
 ]  # fmt: skip
 
 
+@needs("elasticity")
 @pytest.mark.parametrize(("reductor", "said"), REDUCTORS)
 def test_broken_reductors(reductor, said):
     with pytest.raises(ConformanceError, match=f"{type(reductor).__name__}: .*{said}"):
         suite.check_reductor(reductor, [DenseElimination, Steep, Softer, Rough, Bounded])
 
 
+@needs("elasticity")
 def test_a_reductor_that_promises_less_passes():
     suite.check_reductor(Variant(factor=1.001, fields=Rough), [DenseElimination, Rough])
     with pytest.raises(ConformanceError, match=r"Nothing: ReductionError: .* must return a model"):
@@ -493,6 +496,7 @@ NEEDED = {"law": ["inelastic"], "system": ["systems"]}
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 
+@needs("elasticity")
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=needs(*NEEDED[kind])) if kind in NEEDED else kind for kind in FOLDERS]
 )

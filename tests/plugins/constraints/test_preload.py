@@ -94,6 +94,7 @@ def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
                 assert abs(model.solve([0.8, young]).outputs()["plate"]) == pytest.approx(plate, rel=1e-6)
 
 
+@needs("elasticity")
 def test_a_force_draws_the_sides_together(tmp_path):
     """The head is held by a spring: tension F everywhere, the shortening F L / (E A) + F / k, F a parameter."""
     path = column(tmp_path / "bolt.inp")

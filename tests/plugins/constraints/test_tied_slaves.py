@@ -33,7 +33,7 @@ def mesh(path, cells):
         gmsh.finalize()
 
 
-@needs("constraints", "mortar", "nonmatching", "floating")
+@needs("constraints", "mortar", "nonmatching", "floating", "shared_nodes")
 @pytest.mark.parametrize(("pairing", "cells"), [
     pytest.param(*MORTAR.values, (4, 5, 6), id="Mortar"), pytest.param(*NODE_TO_SURFACE.values, (4, 4, 8), id="nodes"),
 ])  # fmt: skip

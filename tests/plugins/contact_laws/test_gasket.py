@@ -176,6 +176,7 @@ def test_a_law_that_forgets_to_deny_its_memory_is_solved_all_the_same(monkeypatc
     np.testing.assert_allclose(full.solve(0.02).forces(), expected.forces(), rtol=1e-9)
 
 
+@needs("shared_nodes")
 def test_contacts_that_share_a_node_share_its_gasket():
     """Two halves of an interface, E = 1e3 and height 1 on both sides: p = u / (2 h / E + 1 / k1), as of one face."""
     pairs = [

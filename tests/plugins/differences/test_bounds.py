@@ -132,6 +132,7 @@ def test_coordinates_are_those_of_the_energy(hertz):
         assert np.linalg.norm(found @ way) == pytest.approx(energy, abs=1e-12 * size)
 
 
+@needs("elasticity")
 def test_what_is_not_proved_is_refused(hertz):
     """Bodies that flow, a stiffness of parameters, dependent rows, a K that is not symmetric."""
     bodies = ("E1", 0.3), (2.0, 0.3)

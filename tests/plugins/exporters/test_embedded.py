@@ -281,7 +281,7 @@ def unit_of(tmp_path_factory):
     return made
 
 
-@needs("floating")
+@needs("floating", "elasticity")
 @compiled
 @pytest.mark.parametrize("name", marked(*UNITS))
 def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
@@ -302,7 +302,7 @@ FEW = [pytest.param(name, marks=needs("friction")) for name in ("formula and lim
 ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 
 
-@needs("floating")
+@needs("floating", "elasticity")
 @compiled
 @pytest.mark.parametrize("name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
 def test_a_unit_runs_in_fmpy(name, unit_of):

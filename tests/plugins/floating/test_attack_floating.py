@@ -129,6 +129,7 @@ if present("volume_loads"):
     CASES["heated between"] = lone((FLOOR, CEILING), (HEATED,), ("T",)), (0.5, 1.0)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("name", CASES)
 def test_bodies_between_and_in_corners(name):
     scene, points = CASES[name]
@@ -137,7 +138,7 @@ def test_bodies_between_and_in_corners(name):
         kkt(full, mu)
 
 
-@needs("nonmatching")
+@needs("nonmatching", "elasticity")
 def test_without_loads_nothing_touches():
     """A free body that is heated grows by its expansion, in plane strain."""
     stacked = hhr.FullOrderModel(stack(), MPI.COMM_SELF).solve((0.0, 0.0))

@@ -296,6 +296,7 @@ def test_the_shape_is_a_parameter(dimension):
         rubbing(hhr.Tresca(0.1), dimension=dimension, box=box, shapes=shapes)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=needs("moduli"))])
 def test_derivatives_are_those_of_differences(dimension):
     """Along a path that slips back and forth, and of a single parameter; E, the coefficient, and loads."""

@@ -189,7 +189,7 @@ def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
         train(pressed_block("plane_strain"), hhr.Greedy(family=loading))
 
 
-@needs("floating")
+@needs("floating", "elasticity")
 def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_door(monkeypatch):
     """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too large."""
     bodies = hhr.Body(stacked_blocks.LOWER, "E", 0.3), hhr.Body(stacked_blocks.UPPER, 9, 0.3)
@@ -278,6 +278,7 @@ def test_digests_tell_types_shapes_and_order_apart():
     assert digest_of_values({"a": 1, "b": 2}, "it") == digest_of_values({"b": 2, "a": 1}, "it")
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("young", [1.0, "E"])
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_cells_have_the_energy_of_their_strain(poisson, young):

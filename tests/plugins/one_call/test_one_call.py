@@ -186,6 +186,7 @@ def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
         hhr.reduce(varying, of=("pressure", "forces"), fallback=True)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize(
     ("how", "kind", "said"),
     [

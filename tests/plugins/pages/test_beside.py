@@ -61,7 +61,7 @@ def answered(kept, name):
     return full, model.solve(0.1 * np.array(box.lower) + 0.9 * np.array(box.upper))
 
 
-@needs("floating")
+@needs("floating", "shared_nodes")
 @pytest.mark.parametrize("name", SCENES)
 def test_pressures_are_those_of_the_mesh(name, kept):
     full, answer = answered(kept, name)
@@ -76,7 +76,7 @@ def test_pressures_of_a_uniform_strip(kept):
     np.testing.assert_allclose(answer.pressure(), 3.0 / 0.91 * 0.04 / 2, rtol=1e-9)
 
 
-@needs("checks", "floating")
+@needs("checks", "floating", "shared_nodes")
 @pytest.mark.parametrize("name", SCENES)
 def test_fields_are_those_of_the_mesh(name, kept, tmp_path):
     """Written by the full model, whose VTK mesh is that of DOLFINx."""
@@ -109,7 +109,7 @@ def drawn(figure):
     return numbers, [figure.get_suptitle(), *(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)]
 
 
-@needs("checks", "floating")
+@needs("checks", "floating", "shared_nodes")
 @pytest.mark.parametrize("name", ["quadrilaterals", "triangles", "round", "hexahedra", "a node of two contacts"])
 def test_figures_are_those_of_the_mesh(name, kept, tmp_path):
     pytest.importorskip("matplotlib")

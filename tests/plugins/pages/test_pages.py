@@ -216,6 +216,7 @@ def marked(*names):
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
+@needs("shared_nodes")
 @in_node
 @pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
 def test_a_page_has_the_digits_of_python(name):
@@ -320,6 +321,7 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
     assert told is not None and told["off"]["largest"] < 0.03
 
 
+@needs("shared_nodes")
 @in_node
 @pytest.mark.parametrize("name", marked("partial pressure", "moduli", *MORE))
 def test_a_page_draws_the_stress_of_cells(name):
@@ -344,7 +346,7 @@ def heated(hypothesis, expansion=1e-3, **slopes):
     return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
 
 
-@needs("volume_loads")
+@needs("volume_loads", "elasticity")
 @pytest.mark.parametrize(
     ("scene", "there"),
     [

@@ -103,6 +103,7 @@ def test_forces_at_nodes_are_those_of_a_pressure(hypothesis):
     assert forced.solve(1.0).displacement() == pytest.approx(pressed.solve(1.0).displacement(), abs=1e-12)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize("varies", [False, True])
 def test_a_block_on_springs(varies):
     """Pressed from above: each half sinks by p over the bedding plus its own compression, in all models."""
@@ -122,6 +123,7 @@ def test_a_block_on_springs(varies):
     assert u[:, 1] == pytest.approx(lift - 0.7 / 50.0 - 0.7 / modulus * points[:, 1], abs=1e-10)
 
 
+@needs("elasticity")
 def test_a_spring_that_touches_shares_its_force():
     """A bar between a spring and an obstacle: forces of both are the load, in reduced models too."""
     springs = hhr.Springs(block.side(1, upper=False), 1, 20.0, bedding=True)
@@ -138,6 +140,7 @@ def test_a_spring_that_touches_shares_its_force():
         assert model.solve(0.9).outputs()["floor"] == pytest.approx(0.9 - 20.0 * 0.01, rel=1e-8)
 
 
+@needs("elasticity")
 @pytest.mark.parametrize(
     ("make", "why"),
     [(lambda: hhr.Springs(1, 1, -2.0), "positive modulus"),
@@ -159,7 +162,7 @@ def test_mistakes(make, why):
         make()
 
 
-@needs("second_order")
+@needs("second_order", "elasticity")
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):

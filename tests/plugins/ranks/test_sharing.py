@@ -10,10 +10,9 @@ from scenes import pressed_block
 from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.full_order import expected
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.models import full
-from hhr_dolfinx.plugins.ranks import sharing
+from hhr_dolfinx.plugins.ranks import expected, sharing
 from hhr_dolfinx.plugins.ranks.group import Ranks
 
 

@@ -202,7 +202,7 @@ def test_displacements_of_second_order_on_straight_sides_of_a_round_are_told_of(
     assert abs(off[0]) < 0.06 < 0.3 < off[1]
 
 
-@needs("floating")
+@needs("floating", "elasticity")
 def test_pressures_of_nodes_near_incompressibility_are_told_of():
     """Of elastic bodies alone: what flows bears its limit load to 1 %, and is no mistake."""
     stiff = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.499)

@@ -191,7 +191,7 @@ def test_in_space_it_knows_no_directions():
     np.testing.assert_allclose(along[0], along[1], atol=1e-6 * np.abs(along[0]).max())
 
 
-@needs("floating")
+@needs("floating", "elasticity")
 def test_what_is_not_built_in_is_refused_by_name(rough):
     with pytest.raises(NotOfferedError, match="derivatives of bodies that slide"):
         rough.march(demo.path(2), hhr.MarchSettings(gradient=True))

@@ -9,6 +9,7 @@ from scenes import block_scene, output_slopes, pair_scene, slope
 from sheared import PATH, rubbing
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
@@ -139,10 +140,13 @@ def test_friction_counts_as_any_force(law):
     model = hhr.condense(full)
     fixed = dataclasses.replace(scene, bodies=(hhr.Body(FIRST, 3.0, 0.3), bodies[1]))
     settings = hhr.MarchSettings(gradient=True)
+    statuses = set()
     for answer, other in zip(full.march(path, settings).answers, model.march(path).answers, strict=True):
         found = answer.outputs()
         assert found["energy"] == pytest.approx(stored(fixed, answer), rel=1e-10)
         assert other.outputs()["energy"] == pytest.approx(found["energy"], rel=1e-9 if law == "moduli" else 1e-10)
+        statuses |= set(answer.slip.statuses.tolist())
+    assert statuses == {1, 2}  # sticks, slips
     # of the last step, along the whole history shifted
     step = 1e-6
     for axis in range(len(path[0][1])):
@@ -220,7 +224,7 @@ def test_a_block_that_is_held_and_heated(simplices):
     assert energy(graded, along) == pytest.approx(0.75 * young * 0.06**2, rel=1e-10)
 
 
-def pulled(law, hypothesis="axisymmetric", young="E"):
+def pulled(law, hypothesis="axisymmetric", young="E", poisson=0.3, **others):
     """A cylinder of radius 1 and height 2, pulled along its axis, free at its side; E a parameter."""
     held = (hhr.Displacement(block.side(axis, upper=False), axis) for axis in (0, 1))
     return block_scene(
@@ -229,7 +233,7 @@ def pulled(law, hypothesis="axisymmetric", young="E"):
         upper=(1, 2),
         cells=(2, 2),
         hypothesis=hypothesis,
-        bodies=(hhr.Body(block.SOLID, young, 0.3, law),),
+        bodies=(hhr.Body(block.SOLID, young, poisson, law, **others),),
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), FAR),),
         displacements=(*held, hhr.Displacement(block.side(1, upper=True), 1, slope("pull", 2.0))),
         outputs=ENERGY,
@@ -276,6 +280,127 @@ def test_a_law_that_does_not_flow_has_the_energy_of_elastic_bodies(hypothesis):
     assert lawful.march([(0.0, (0.0, 200.0)), (1.0, point)], TIGHT).answers[-1].outputs()["energy"] == pytest.approx(
         known, rel=1e-8
     )
+
+
+@needs("conformance", "friction", "shapes")
+def test_friction_of_bodies_whose_shape_varies():
+    """Beside K and the displacement on the mesh of the shape; condensed, off by its interpolation over shapes."""
+    from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
+
+    known = switches()
+    draft = composed(Chosen(name, known[name]) for name in ("friction", "energy", "shape"))
+    path = draft.path()
+    full = hhr.FullOrderModel(draft.scene())
+    for answer, other in zip(full.march(path).answers, hhr.condense(full).march(path).answers, strict=True):
+        stiffness = full.problem.reshaped(answer.parameter).stiffness
+        field = answer.displacement()
+        energy = answer.outputs()["energy"]
+        assert energy == pytest.approx(field @ (stiffness @ field) / 2, rel=1e-10)
+        assert other.outputs()["energy"] == pytest.approx(energy, rel=1e-5)
+        assert np.abs(answer.forces()).max() > 0
+
+
+GROWN = (hhr.Shape(block.SOLID, ("x * (1 + 0.1 * s * y)", "y * (1 + 0.4 * s)")),)
+"""A block of the height 1 + 0.4 s and the width 1 + 0.1 s at its top."""
+
+
+@needs("volume_loads", "moduli", "shapes")
+def test_heated_bodies_whose_shape_varies():
+    """The sum of σ : C^-1 σ / 2 over triangles on the mesh of the shape."""
+    full = hhr.FullOrderModel(hot(shapes=GROWN))
+    point = [60.0, -0.5, 2.0, 0.25]
+    corners = full.problem.reshaped(np.array(point)).points[full.problem.cell_nodes]
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+    assert areas.sum() == pytest.approx(0.8 * (1 + 0.95) / 2, rel=1e-12)
+    answer = full.solve(point)
+    stress = answer.stress()
+    compliance = hooke(*point[2:], stress.shape[1])[1]
+    expected = areas @ np.einsum("pi,ij,pj->p", stress, compliance, stress) / 2
+    assert answer.outputs()["energy"] == pytest.approx(expected, rel=1e-9)
+
+
+@needs("inelastic", "moduli", "shapes")
+def test_bodies_with_laws_whose_shape_varies():
+    """Length 2 s of the bar: strain and volume of the closed form change by s."""
+    scene = pulled(HARDENS, young=200.0)
+    scene = dataclasses.replace(
+        scene,
+        parameters=hhr.ParameterSpace(("pull", "s"), (0.0, 0.8), (0.02, 1.2)),
+        shapes=(hhr.Shape(block.SOLID, ("r", "z * s")),),
+    )
+    for longer in (0.9, 1.1):
+        strains = np.array([0.004, 0.012]) / longer
+        stress = np.minimum(200.0 * strains, 200.0 * (1.0 + 10.0 * strains) / 210.0)
+        assert along(scene, longer)[:2] == pytest.approx(2 * np.pi * longer * stress**2 / 400.0, rel=1e-6)
+
+
+def along(scene, young=200.0):
+    """Energies of a bar that yields and is unloaded."""
+    path = [(float(k), (pull, young)) for k, pull in enumerate((0.0, 0.004, 0.012, 0.01))]
+    return [answer.outputs()["energy"] for answer in hhr.FullOrderModel(scene).march(path, TIGHT).answers]
+
+
+HARDENS = hhr.Plasticity(1.0, 10.0)
+VARIES = {"young": "E + E**2 / 20000", "poisson": "0.05 + E / 1000"}
+"""202 and 0.25 at E = 200."""
+IDLE = pytest.mark.filterwarnings("ignore:parameters .* have no effect")
+
+
+def graded(x):
+    """A factor of E from 1 to 3 across."""
+    return 1 + x[0]
+
+
+@IDLE
+@needs("inelastic", "moduli")
+@pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric"])
+def test_the_elasticity_of_bodies_with_laws_is_that_of_the_point(hypothesis):
+    """Formulas of E and ν beside their numbers, after yield: the same steps, and so the same up to their tolerance."""
+    numbers = {"young": 202.0, "poisson": 0.25}
+    found, expected = (
+        along(pulled(HARDENS, hypothesis, **constants, grading=graded)) for constants in (VARIES, numbers)
+    )
+    assert found == pytest.approx(expected, rel=1e-7)
+
+
+@IDLE
+@needs("inelastic", "moduli")
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric"])
+def test_graded_bodies_with_laws(hypothesis):
+    """The same factor everywhere is one of E, after yield; without flow, graded bodies beside the work of forces.
+
+    In axisymmetry strains around are u/r, no polynomials, and both differ as their Gauss points do.
+    """
+    twice = pulled(HARDENS, hypothesis, 100.0, grading=lambda x: 2.0)
+    assert along(twice) == pytest.approx(along(pulled(HARDENS, hypothesis, 200.0)), rel=1e-8)
+    point = [0.01, 200.0]
+    for law in (hhr.Plasticity(1e6, 1.0), hhr.Norton(1e12, 1.0)):
+        elastic, lawful = (hhr.FullOrderModel(pulled(own, hypothesis, **VARIES, grading=graded)) for own in (None, law))
+        last = lawful.march([(0.0, (0.0, 200.0)), (1.0, point)], TIGHT).answers[-1]
+        assert last.outputs()["energy"] == pytest.approx(
+            elastic.outputs(point)["energy"], rel=1e-4 if hypothesis == "axisymmetric" else 1e-7
+        )
+
+
+@IDLE
+@needs("inelastic")
+def test_a_law_that_changes_the_elasticity_is_refused():
+    """σ : C^-1 σ / 2 with C of the body would be off by the ratio of the moduli; that of the body passes."""
+    for modulus in ("E", 190.0):
+        for hypothesis in ("axisymmetric", "plane_stress"):
+            with pytest.raises(SceneError, match="changes the elasticity of its body"):
+                hhr.FullOrderModel(pulled(hhr.ChangingStiffness(HARDENS, modulus), hypothesis, young=200.0))
+    scene = pulled(hhr.ChangingStiffness(HARDENS, 200.0), young=200.0)
+    assert along(scene) == pytest.approx(along(pulled(HARDENS, young=200.0)), rel=1e-6)
+
+
+@needs("inelastic", "moduli")
+def test_heat_in_plane_stress_changes_no_elasticity():
+    """A heated law that is cooled to no strain has the energy of the law itself."""
+    heated = hhr.Heated(HARDENS, 1e-3, "E - 200", 0.0)
+    scene, plain = (pulled(law, "plane_stress", 200.0 if law is heated else "E") for law in (heated, HARDENS))
+    assert along(scene) == pytest.approx(along(plain), rel=1e-8)
 
 
 @needs("sliding")

@@ -160,6 +160,7 @@ def test_constants_of_the_full_model_are_those_of_lapack(hertz):
     assert found.coercivity <= values[0] * (1 + 1e-13) and found.continuity >= values[-1] * (1 - 1e-13)
 
 
+@needs("elasticity")
 def test_constants_where_the_stiffness_depends_on_parameters():
     """Those of the middle of the box, whatever was solved before, and factors are left as they are asked for."""
     full = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=3))
@@ -329,6 +330,7 @@ def test_no_mode_leaves_the_gaps_as_they_are(hertz, hertz_reduction):
     assert found.keys() == {"4 kernel", "5", "6"} and "not defined" in found["5"]
 
 
+@needs("elasticity")
 def test_models_and_answers_that_the_theorems_are_not_on(hertz, hertz_reduction, tmp_path):
     varying = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=2))
     other = hhr.FullOrderModel(pressed_pair("plane_strain", BODIES, cells=2))

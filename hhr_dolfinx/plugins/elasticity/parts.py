@@ -6,8 +6,10 @@ and one for its change of shape, or a single one if only its modulus varies.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import reduce
 from operator import add
+from typing import NamedTuple
 
 import numpy as np
 import ufl
@@ -17,14 +19,15 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.gauss_points import add_stiffness, grading_of, parts_of
+from hhr_dolfinx.plugins.elasticity.gauss_points import add_stiffness
 
 
-def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Local rows of the parts of K, with one pattern, and their moduli."""
+def parts_by_modulus(discretisation: DiscreteSpace) -> tuple[list[csr_matrix], tuple[Modulus, ...]]:
+    """Local rows of the parts of K, each with its pattern, and their moduli."""
     scene = discretisation.scene
     names = scene.parameters.names
     groups: list[tuple[Modulus, dict[int, tuple[float, float]]]] = []
@@ -40,10 +43,7 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
     if constant:
         groups.append((Modulus("1", "1", names), constant))
     matrices = [discretisation.own_rows(_assembled(discretisation, members)) for _, members in groups]
-    pattern = discretisation.common_pattern or CommonPattern(matrices)
-    if scene.shapes:  # matrices are assembled again
-        discretisation.common_pattern = pattern
-    return pattern.filled(matrices), tuple(modulus for modulus, _ in groups) if varies else ()
+    return matrices, tuple(modulus for modulus, _ in groups) if varies else ()
 
 
 def with_springs(
@@ -86,9 +86,14 @@ class CommonPattern:
         return tuple(found)
 
 
+def empty_matrix(space: DiscreteSpace) -> PETSc.Mat:
+    """A matrix that couples the dofs of all cells."""
+    return fem_petsc.create_matrix(space._mass_form)
+
+
 def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, float]]) -> PETSc.Mat:
     """Stiffness of some bodies, weights of their parts by index, in the pattern of the whole mesh."""
-    matrix = discretisation.empty_matrix()
+    matrix = empty_matrix(discretisation)
     averaged = {place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]}
     ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
     if ordinary:
@@ -113,3 +118,27 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
     return weight * ufl.inner(stress, measured) * dx
+
+
+class Part(NamedTuple):
+    """A part of the stiffness of one body."""
+
+    factor: str  # see :class:`Modulus`
+    rest: str
+    moduli: tuple[float, float]  # weights of the change of volume and of the change of shape
+
+
+def parts_of(body: Body, hypothesis: str) -> Iterator[Part]:
+    """Parts of the stiffness of a body."""
+    factor = body.young if isinstance(body.young, str) else repr(float(body.young))
+    volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
+    if isinstance(body.poisson, str):
+        yield Part(factor, volume, (1.0, 0.0))
+        yield Part(factor, shape, (0.0, 1.0))
+    else:
+        yield Part(factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+
+
+def grading_of(discretisation: DiscreteSpace, body: Body) -> object:
+    """Grading of a body's modulus as a field; 1 without a grading."""
+    return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -30,6 +31,9 @@ from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.pairings.surface import CREASE, GRAZING, Surface, looking
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
 
 ALIKE = 1e-6
 """Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
@@ -49,12 +53,35 @@ class Conditions:
     opened: np.ndarray  # gaps that openings and moving obstacles add, by term, (m, 1 + T)
 
 
+def joined(
+    discretisation: Discretisation,
+    stated: tuple[ContactRows, np.ndarray, np.ndarray],
+    prolongation: Prolongation,
+    amplitudes: Amplitudes,
+    nodes: np.ndarray,
+) -> tuple[ContactRows, np.ndarray, np.ndarray, Shares | None]:
+    """The tool ``shared_nodes``: conditions of several contacts on the same nodes, (n,), are one.
+
+    ``stated`` are the rows, the contact of each, (m,), and the gaps that openings add, (m, 1 + T). Returned are those
+    of the joined conditions, and the shares of contacts, None if no condition is that of several.
+
+    Raises:
+        SceneError: for contacts whose laws or openings differ on a common condition.
+    """
+    given = Conditions(discretisation.scene, *stated)
+    cells = discretisation._cell_nodes()
+    common = CommonConditions(given, prolongation, nodes, cells, amplitudes, discretisation.surface)
+    found, shares = common.joined()
+    return found.rows, found.pairs, found.opened, shares
+
+
 @dataclass(frozen=True)
 class CommonConditions:
     """Finds the conditions that several contacts state, and makes one of each."""
 
     given: Conditions
     prolongation: Prolongation
+    nodes: np.ndarray  # nodes on which conditions of several contacts act
     cells: np.ndarray  # nodes of each cell
     amplitudes: Amplitudes
     surface: Callable[[Tag], Surface]
@@ -117,9 +144,7 @@ class CommonConditions:
         shape = pairs.size, self._acting.shape[1] // self._dim
         nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // self._dim)), shape=shape)
         nodes.data[:] = 1.0
-        of_contact = csr_matrix((np.ones(pairs.size), (pairs, np.arange(pairs.size)))) @ nodes
-        several = np.flatnonzero(np.bincount(of_contact.indices, of_contact.data > 0, shape[1]) > 1)
-        nodes = csr_matrix(nodes[:, several])
+        nodes = csr_matrix(nodes[:, self.nodes])
         touched = np.flatnonzero(np.diff(nodes.indptr))
         beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
         one = touched[beside.row]

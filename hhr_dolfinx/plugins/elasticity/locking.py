@@ -12,17 +12,10 @@ from __future__ import annotations
 
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import LockingWarning
+from hhr_dolfinx.formulas import Scalar, box_samples
+from hhr_dolfinx.full_order.elasticity import NEARLY_INCOMPRESSIBLE
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
-
-NEARLY_INCOMPRESSIBLE = 0.45
-"""Poisson's ratio above which an elastic body uses the mean dilatation.
-
-Volume is 2 nu / (1 - 2 nu) times as stiff as shape (lambda / mu): 9 at 0.45, 49 at 0.49, 5000 at 0.4999. On a thick
-tube of eight cells full integration is too stiff by 0.3 % at 0.36, the error of the mesh, and by 0.9 % at 0.45;
-beyond, the error has no bound, while that of the mean dilatation stays at 0.1 %. Ceramics and metals (nu up to 0.44)
-keep full integration.
-"""
 
 SIMPLICES = {"triangle": "quadrilaterals", "tetrahedron": "hexahedra"}
 """Cells that lock, and the cells to use instead."""
@@ -39,8 +32,6 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
         return True
     if not isinstance(body.poisson, str):
         return body.poisson > NEARLY_INCOMPRESSIBLE
-    from hhr_dolfinx.formulas import Scalar, box_samples
-
     ratio = Scalar(body.poisson, scene.parameters.names)
     return max(ratio.value(point) for point in box_samples(scene.parameters)) > NEARLY_INCOMPRESSIBLE
 
@@ -81,15 +72,3 @@ def gauss_degree(cell: str, order: int) -> int:
     triangles 3 points and tetrahedra 4, which integrate the stiffness of straight cells exactly.
     """
     return 2 if order == 1 or cell in SIMPLICES else 4
-
-
-def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
-    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in reduced models.
-
-    On simplices the strain has a degree one below the displacement; in axisymmetry they use more points, for weights
-    1 / r. Other cells use one point more than their order along each axis, the usual full integration: exact on
-    parallelograms and parallelepipeds. All weights are positive: the rule of degree 3 on tetrahedra has a negative one.
-    """
-    if cell in SIMPLICES:
-        return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2
-    return 2 * order + 1

@@ -1,0 +1,77 @@
+"""Rigid motions of bodies that constraints join: the tool ``joined_bodies``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.contact.prolongation import Prolongation
+from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, rigid_motions, vanishing
+
+
+@dataclass(frozen=True)
+class JoinedBody(FreeBody):
+    """Several components that constraints join and let move in parts, with all motions of the parts in their order."""
+
+    parts: tuple[FreeBody, ...]
+
+    def described(self, ways: np.ndarray) -> str:
+        """See :class:`FreeBody`."""
+        ends = np.cumsum([len(part.motions) for part in self.parts])[:-1]
+        texts = []
+        for part, own in zip(self.parts, np.split(ways, ends, axis=1), strict=True):
+            _, sizes, rows = np.linalg.svd(own, full_matrices=False)
+            if len(kept := rows[sizes > ALMOST_NONE]):
+                texts.append(f"{part.name} {part.described(kept)}")
+        return f"moves in parts: {'; '.join(texts)}"
+
+
+def joined_bodies(
+    components: list[FreeBody],
+    prolongation: Prolongation,
+    points: np.ndarray,
+    imposed: np.ndarray,
+    hypothesis: str,
+) -> list[FreeBody]:
+    """Bodies of components, with the motions that vanish on ``imposed`` dofs, (nodes, dim), and break no constraint."""
+    assert prolongation.map is not None
+    groups = _groups(components, prolongation.map, points)
+    return [_joined(group, prolongation, points, imposed, hypothesis) for group in groups]
+
+
+def _groups(components: list[FreeBody], coupling: csr_matrix, points: np.ndarray) -> list[list[FreeBody]]:
+    """Components that constraints join."""
+    owner = np.full(len(points), -1)
+    for number, one in enumerate(components):
+        owner[one.nodes] = number
+    rows, columns = (owner[dofs // points.shape[1]] for dofs in coupling.nonzero())
+    graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return [[components[k] for k in np.flatnonzero(labels == label)] for label in np.unique(labels)]
+
+
+def _joined(
+    parts: list[FreeBody], prolongation: Prolongation, points: np.ndarray, imposed: np.ndarray, hypothesis: str
+) -> FreeBody:
+    """One body of several components, whose motions satisfy the constraints.
+
+    They are those of the body as a whole, unless constraints let its parts move in more ways, as a hinge does.
+    """
+    nodes = np.sort(np.concatenate([one.nodes for one in parts]))
+    motions = rigid_motions(points[nodes], hypothesis)
+    body = FreeBody(" with ".join(one.name for one in parts), nodes, motions, np.eye(len(motions)))
+    whole, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts))
+    # combinations that vanish on imposed dofs and break no constraint
+    held = imposed.ravel()
+    of_whole, of_parts = (vanishing(np.vstack([one[held], prolongation.broken(one)])) for one in (whole, apart))
+    if len(of_parts) > len(of_whole):
+        return JoinedBody(body.name, nodes, _at_nodes(apart, points, nodes), of_parts, tuple(parts))
+    return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)
+
+
+def _at_nodes(columns: np.ndarray, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Motions on all nodes, (nodes dim, k), at some nodes: (k, n, dim)."""
+    return columns.T.reshape(-1, *points.shape)[:, nodes]
