@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -302,6 +303,10 @@ def test_the_page_of_the_docs_names_capabilities_that_are_there():
     words = [line.split() for line in block.splitlines()]
     named = {row[1] for row in words if len(row) > 1 and row[1].isidentifier()}
     assert len(named) > 40 and (named <= set(NAMES) or not present(*OURS))
+    rows = [line.split(" | ") for line in text.splitlines() if re.match(r"\| \d+ \| [A-Za-z]+ \| `", line)]
+    assert len(rows) > 10
+    for _, verb, place, why, _ in rows:
+        assert why == compose_table.in_a_cell(compose_reasons.reason(verb, place.strip("`"))), place
 
 
 @pytest.mark.slow
