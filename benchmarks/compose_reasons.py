@@ -136,7 +136,7 @@ REASONS: dict[str, dict[str, str]] = {
             "again in each increment. A training takes usual full models."
         ),
         "certify/trust.py:check_solvable": (
-            "Rows of conditions are dependent on the basis: forces of theirs have no single value, thesis (1.67). If two "
+            "Rows of conditions are dependent on the basis: their forces have no single value, thesis (1.67). If two "
             "conditions have one row, no basis tells them apart."
         ),
         "certify/trust.py:check_stability": (
