@@ -1,14 +1,11 @@
 """Why compositions are refused: for each verb, the function of the package that refuses, with its reason.
 
-A sentence states the mathematical reason. One that opens with "not built in" says that there is
+A sentence states the mathematical reason. One that opens with "Not built in" says that there is
 none: the composition has a meaning, and nobody has written it. All verbs refuse what the full model
 refuses, so that its reasons come first.
 """
 
 from __future__ import annotations
-
-NOT_BUILT_IN = "not built in"
-"""How a sentence without a mathematical reason opens."""
 
 REFUSED = {
     "full_order/discretisation.py:_with_laws": "own_contact_law+shape",
@@ -35,20 +32,21 @@ REFUSED = {
 _CODE = "Files, pages and headers hold no code: a law is a program that UFL translates, and other code has none."
 _PROPORTIONAL = (
     "K is a sum of two matrices whose weights depend on Poisson's ratio: its inverse is no factor times a constant, "
-    "which is what the elastic response of a condensed step with laws of bodies is. Interpolated there: not built in."
+    "which is what the elastic response of a condensed step with laws of bodies is. With shapes its strains change "
+    "too. Interpolated responses are not built in there."
 )
 _NO_MODULI = (
-    "not built in: where surfaces slide, a model condenses one compliance of the surfaces, and moduli of parameters "
+    "Not built in: where surfaces slide, a model condenses one compliance of the surfaces, and moduli of parameters "
     "would need one for each point."
 )
 _FLOATING = (
-    "not built in: forces of a condensed step with laws of bodies follow from its slack alone. Where contact alone "
+    "Not built in: forces of a condensed step with laws of bodies follow from its slack alone. Where contact alone "
     "holds a body, they must balance it too, and its motions are unknowns."
 )
 _ELASTIC = "Corrections of elastic steps are round-off: no modes follow from them, and exact condensation is there."
 _SMALL = {
     "plugins/contact_laws/reduction.py:completed": (
-        "not built in: a step of a law starts from the memory on the RID, and the answer before has that of the whole "
+        "Not built in: a step of a law starts from the memory on the RID, and the answer before has that of the whole "
         "surface, whose order there the step of bodies with laws does not know."
     ),
     "plugins/inelastic/elastic_response.py:parts_of": _PROPORTIONAL,
@@ -58,7 +56,7 @@ _SMALL = {
 _EXPORT = _SMALL | {
     "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
     "plugins/pages/arrays.py:check_model": (
-        "not built in: a page solves a problem with one B, and where surfaces slide past their mesh rows are made "
+        "Not built in: a page solves a problem with one B, and where surfaces slide past their mesh rows are made "
         "again in each increment, by searches on both surfaces."
     ),
     "registry.py:facet": (
@@ -70,7 +68,7 @@ _EXPORT = _SMALL | {
 REASONS: dict[str, dict[str, str]] = {
     "full": {
         "full_order/discretisation.py:_with_laws": (
-            "not built in: a force is a pressure times an area, which changes with the shape, and the law keeps the "
+            "Not built in: a force is a pressure times an area, which changes with the shape, and the law keeps the "
             "areas of one shape. A law of ratios of forces, such as Coulomb's, needs none."
         ),
         "plugins/constraints/couplings.py:equations": (
@@ -82,14 +80,14 @@ REASONS: dict[str, dict[str, str]] = {
             "satisfies both."
         ),
         "plugins/friction/pair_laws.py:check": (
-            "not built in: the limit of a tangential force is a stress times an area, which changes with the shape."
+            "Not built in: the limit of a tangential force is a stress times an area, which changes with the shape."
         ),
         "plugins/inelastic/outside.py:statement": (
-            "not built in: in plane stress the strain across is an unknown of the law, solved in UFL around it, and "
+            "Not built in: in plane stress the strain across is an unknown of the law, solved in UFL around it, and "
             "code outside of UFL is called for a whole strain."
         ),
         "plugins/shapes/reshaped.py:_check_unmoved": (
-            "not built in: coefficients of equations and moduli of beddings are places and areas, which move with the "
+            "Not built in: coefficients of equations and moduli of beddings are places and areas, which move with the "
             "shape, and T of U = T V + L theta is that of all points."
         ),
         "plugins/shapes/reshaped.py:check_still": (
@@ -101,11 +99,11 @@ REASONS: dict[str, dict[str, str]] = {
             "pressures have no single value. Laws of contacts beside friction: not built in."
         ),
         "plugins/sliding/slide.py:_check_bodies": (
-            "not built in: increments that pair surfaces again solve for forces by one compliance of the surfaces, "
+            "Not built in: increments that pair surfaces again solve for forces by one compliance of the surfaces, "
             "which inelastic strains and shapes change."
         ),
         "plugins/sliding/slide.py:slide": (
-            "not built in: motions R of a body that contact alone holds are unknowns, with rows B R, and rows B of "
+            "Not built in: motions R of a body that contact alone holds are unknowns, with rows B R, and rows B of "
             "surfaces that slide are made again in each increment."
         ),
         "scene.py:_check_system": (
@@ -115,7 +113,7 @@ REASONS: dict[str, dict[str, str]] = {
     },
     "gradient": {
         "plugins/inelastic/full_order.py:_marching": (
-            "not built in: strains at fixed displacements change with the shape, and derivatives of steps have none of "
+            "Not built in: strains at fixed displacements change with the shape, and derivatives of steps have none of "
             "these terms."
         ),
         "plugins/sliding/model.py:increments": (
@@ -129,12 +127,12 @@ REASONS: dict[str, dict[str, str]] = {
     },
     "HHR": {
         "benchmarks": (
-            "A basis and a RID are those of one B. Where surfaces slide past their mesh, B is made again in each "
-            "increment: a training takes usual full models."
+            "Not built in: a basis and a RID are those of one B, and where surfaces slide past their mesh B is made "
+            "again in each increment. A training takes usual full models."
         ),
         "certify/trust.py:check_solvable": (
-            "Two conditions that touch have one row in the reduced problem: no basis tells their forces apart, thesis "
-            "(1.67)."
+            "Rows of conditions are dependent on the basis: their forces have no single value, thesis (1.67). If two "
+            "conditions have one row, no basis tells them apart."
         ),
         "certify/trust.py:check_stability": (
             "The inf-sup constant of contact on the RID is zero: some force there does no work on any mode, and has no "
@@ -142,7 +140,7 @@ REASONS: dict[str, dict[str, str]] = {
         ),
         "plugins/contact_laws/reduction.py:completed": _SMALL["plugins/contact_laws/reduction.py:completed"],
         "reduction/build.py:check_given": (
-            "not built in: strains of modes and weights of Gauss points are integrals on one mesh, and change with the "
+            "Not built in: strains of modes and weights of Gauss points are integrals on one mesh, and change with the "
             "shape."
         ),
     },

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -202,14 +203,16 @@ def test_small_models_of_pairs_are_as_exact_as_others(names):
         check(names, ("condense", "HHR"))
 
 
-@needs("inelastic")
+@needs("elasticity", "inelastic")
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.LockingWarning")
 def test_a_law_in_axisymmetry_differs_by_its_rule_alone(monkeypatch):
     """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by 1e-9."""
+    from hhr_dolfinx.plugins.elasticity import gauss_points
+
     case = Case(("axisymmetric", "norton"))
     error, _ = compose_verbs._changed(case, "norton")
     assert 1e-8 < error <= compose_verbs.NEUTRAL
-    monkeypatch.setattr("hhr_dolfinx.plugins.elasticity.gauss_points.gauss_degree", lambda cell, order: 4)
+    monkeypatch.setattr(gauss_points, "gauss_degree", lambda cell, order: 4)
     assert compose_verbs._changed(case, "norton")[0] <= 1e-9
 
 
@@ -300,6 +303,10 @@ def test_the_page_of_the_docs_names_capabilities_that_are_there():
     words = [line.split() for line in block.splitlines()]
     named = {row[1] for row in words if len(row) > 1 and row[1].isidentifier()}
     assert len(named) > 40 and (named <= set(NAMES) or not present(*OURS))
+    rows = [line.split(" | ") for line in text.splitlines() if re.match(r"\| \d+ \| [A-Za-z]+ \| `", line)]
+    assert len(rows) > 10
+    for _, verb, place, why, _ in rows:
+        assert why == compose_table.in_a_cell(compose_reasons.reason(verb, place.strip("`"))), place
 
 
 @pytest.mark.slow
