@@ -426,8 +426,8 @@ def with_fields(history: History, fields: Any) -> History:
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
 
-def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> None:
-    """Raise ReductionError for invalid solutions, or those of another problem."""
+def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
+    """Return solutions; raise ReductionError for invalid ones, or those of another problem."""
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
     points = np.shape(solutions.points)
@@ -452,3 +452,4 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> N
                 f"{points[0]} points are needed; are they of another mesh, or rows of one rank, where "
                 "snapshots.gathered(problem) has all?"
             )
+    return solutions

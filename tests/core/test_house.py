@@ -188,7 +188,7 @@ UNNEEDED = {
 OF_BOTH = {"checks", "differences", "small_strains", "studies"}
 PLUGINS = {
     "elastic": OF_BOTH | {"baselines"},
-    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "programs", "volume_loads"},
+    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},
 }
 """All plug-ins of which such a study loads more than the manifest."""
 

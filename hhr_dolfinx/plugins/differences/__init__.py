@@ -32,7 +32,7 @@ def _calibrated(full: FullModel, recipe: Recipe) -> bool:
 
 PLUGIN = Plugin(
     name="differences",
-    optional=("floating",),
+    optional=("floating", "paths"),
     classes={
         f"{_HERE}.difference": "ExactDifference",
         f"{_HERE}.field_response": "FieldResponse",

@@ -22,6 +22,7 @@ def _wanted(full: FullModel, recipe: object) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
+    needs=("paths",),
     optional=("floating", "inelastic", "pages"),
     public={f"{_HERE}.pair_laws": "Coulomb Tresca", **_OUTPUTS},
     parts={"outputs": _OUTPUTS},

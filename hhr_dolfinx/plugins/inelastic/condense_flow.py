@@ -18,7 +18,7 @@ from scipy import linalg
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
+from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import (
     ConvergenceError,
@@ -38,6 +38,7 @@ from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, Condense
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -225,7 +226,7 @@ class CorrectionSettings(Reductor["_Shared"]):
     stress: float = 0.02
     plastic: float = 0.05
     trust: TrustLimits | None = field(
-        default_factory=lambda: TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+        default_factory=lambda: FlowLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
     )
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
@@ -290,7 +291,7 @@ class CorrectionSettings(Reductor["_Shared"]):
         snapshots = task.snapshots
         assert snapshots is not None  # checked
         if self.trust is not None:
-            warn_of_training(full, snapshots, task.held_out)
+            task.kind.warn_of_training(snapshots, task.held_out)
         with task.log.stage("elastic", task.announce):
             elastic = elastic_response(full) if before is None else before.elastic
         with task.log.stage("corrections", task.announce):
@@ -345,8 +346,10 @@ class CorrectionSettings(Reductor["_Shared"]):
         """Largest error over its target."""
         if comparison is None:
             return 0.0
-        wanted = {name: getattr(self, name) for name in ("primal", "dual", "stress", "plastic")}
-        return float(max(getattr(comparison, name).max() / wish for name, wish in wanted.items()))
+        further = comparison.further
+        pairs = [(comparison.primal, self.primal), (comparison.dual, self.dual)]
+        pairs += [(further[STRESS_ERROR], self.stress), (further[PLASTIC_ERROR], self.plastic)]
+        return float(max(errors.max() / wish for errors, wish in pairs))
 
     def proposals(self, search: Search) -> Iterator[Proposal]:
         """Of more and more histories, with targets of the search."""

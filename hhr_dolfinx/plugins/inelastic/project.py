@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.recipe import tangents_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
 from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.reduction.build import Draft
@@ -29,19 +32,28 @@ def project_points(draft: Draft) -> None:
     """Gauss points of the RID."""
     shared = draft.shared
     with shared.log.stage("projection", shared.task.announce):
-        draft.flow = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
+        draft.parts["flow"] = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
+
+
+def complete_flow(draft: Draft) -> None:
+    """Completion of stress and plastic strain; the fields of training are decomposed once for all attempts."""
+    shared = draft.shared
+    with shared.log.stage("reconstruction", shared.task.announce):
+        fitted = shared.once("fields of laws", lambda: FittedFlow.of(shared.snapshots))
+        draft.fields = replace(draft.fields, flow=fitted.completion(draft.parts["flow"]))
 
 
 def check_tangents(draft: Draft) -> None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic.
+    """Smallest tangent margin at training states, if requested; 1, that of the elastic operator, if all are elastic.
 
     Raises:
         UnstableModelError: if it is too small.
     """
     shared = draft.shared
     full = equilibrium_of(shared.full)
-    step = shared.recipe.tangents
-    assert step is not None
+    step = tangents_of(shared.recipe)
+    if step is None:
+        return
     with shared.log.stage("training_tangents", shared.task.announce):
         states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
     with shared.log.stage("stability", shared.task.announce):
@@ -51,7 +63,7 @@ def check_tangents(draft: Draft) -> None:
                 f"with {draft.layers} layers a projected tangent at a training state has an eigenvalue of real part "
                 f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
             )
-        draft.tangent_margin = margin
+        draft.further["tangent"] = margin
 
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:

@@ -23,6 +23,7 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.parameters import check_counts, has_names, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
@@ -122,12 +123,10 @@ class Training(Shown):
                 plug-in interpolates.
         """
         full = self.full_order
-        if full.law.remembers and full.equilibrium is None:
-            from hhr_dolfinx.study.condensing import condensed
-
-            return condensed(full, settings)
-        task = Task(full, self.snapshots, self.held_out, announce=announce)
-        return made(condensing(full).usual(settings, fields=None), task)
+        reductor = condensing(full)
+        snapshots, held_out, fields = kind_of(full).condensed_from(self.snapshots, self.held_out)
+        task = Task(full, snapshots, held_out, announce=announce)
+        return made(reductor.usual(settings, fields=fields), task)
 
 
 def train(
@@ -216,7 +215,7 @@ def _full_model(scene: Scene, group: Group, together: bool | None, queries: obje
         )
     log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
     full = FullOrderModel(scene, group.comm)
-    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
+    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(kind_of(full))
     if full.spread.all_here or not why:
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")

@@ -1,0 +1,188 @@
+"""Kinds of answers of scenes with laws of contacts: of points if no law remembers, else along paths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import registry
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import TrustLimits, warn_of_few_held_out, warn_of_no_contact
+from hhr_dolfinx.contact.interface import Interface, ranged
+from hhr_dolfinx.contact.law import ContactLaw
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError
+from hhr_dolfinx.models.answer import InterfaceCompletion, Model
+from hhr_dolfinx.models.histories.steps import steps_of
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.paths.compared import compared_histories, retraced
+from hhr_dolfinx.reduction.build import Draft
+from hhr_dolfinx.reduction.kinds import Answered, OfPoints
+from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.trained import Trained
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import Checked, FullModel
+
+OF_STEPS = 1e-3
+"""Relative error up to which single answers of laws that remember may be off of exact ones: round-off may change the
+increments that lead to them."""
+
+
+def of_paths(**changes: Any) -> Recipe:
+    """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most contacts."""
+    nodes = Deim(), ForceDeim(1e-4), LoadNodes()
+    usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
+    return Recipe(**(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes))
+
+
+def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompletion]]:
+    """The law of a full model as hyper-reduced ones solve it, by ranges or its own increments, and its completion.
+
+    Raises:
+        NotOfferedError: for a law without the facet ``range``, inelastic bodies with laws on ranges, or without a
+            plug-in that completes forces.
+    """
+    law = full.law
+    what = f"hyper-reduction of contacts with {law.name}"
+    complete = registry.tool("forces_outside", what)
+    if not isinstance(law, Interface) and steps_of(law).completes:
+        return law, complete
+    if full.equilibrium is not None:
+        raise NotOfferedError(
+            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of the RID, and an "
+            "answer has that of the whole contact surface alone"
+        )
+    found = ranged(law, full.conditions)
+    for part in found.ranges:
+        part.solver()
+    return found, complete
+
+
+def complete_contacts(draft: Draft) -> None:
+    """Stage of the hyper-reduction: forces and memories of laws of contacts outside the RID."""
+    shared = draft.shared
+    law, complete = completed(shared.full)
+    fitted = complete(shared.full.problem, law, draft.sets.A_lambda, shared.snapshots.forces)
+    draft.fields = replace(draft.fields, interface=fitted)
+
+
+class OfContactLaws(OfPoints):
+    """Answers of contacts whose laws remember nothing: they belong to points, and forces may have any sign."""
+
+    cone = False
+
+    def recipes(self) -> tuple[Recipe, ...]:
+        """With more functions of contact nodes where contact alone holds a body, whose modes lack its motions."""
+        return of_paths(), of_paths(enrichment=Enrich(2.0))
+
+    def not_by_rows(self) -> str:
+        """Fits of forces take all rows."""
+        return f"contact with {self.full.law.name}"
+
+    def check(self, name: str, solutions: object) -> SnapshotSet:
+        """Refuse laws that hyper-reduced models cannot complete, too."""
+        completed(self.full)
+        return super().check(name, solutions)
+
+
+class OfHistories(OfPoints):
+    """Answers at the steps of paths, each of which starts from the one before."""
+
+    def trains_on(self, family: object) -> bool:
+        """Points have no answers to train on."""
+        return family is not None
+
+    def check(self, name: str, solutions: object) -> SnapshotSet:
+        """Refuse answers at single parameters, too."""
+        known = super().check(name, solutions)
+        if not known.histories:
+            raise ReductionError(
+                f"{name} of a scene with {self.full.law.name} must be histories: SnapshotSet.of_histories"
+            )
+        return known
+
+    def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
+        """A path counts as many points, and need not fill the box."""
+        warn_of_no_contact(self.full.problem, snapshots)
+        warn_of_few_held_out(held_out, 0, "a history")
+
+    def warn_of_estimates(self, fields: Reconstruction) -> None:
+        """Errors are indicated."""
+
+    def with_corners(self, model: Checked) -> Checked:
+        """The same: a point takes dozens of increments, and the full model warns."""
+        return model
+
+    def compared(
+        self,
+        model: Model,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        limits: TrustLimits | None,
+        remedy: str | Mapping[str, str],
+    ) -> tuple[Comparison | None, Trained | None]:
+        """Errors against known histories; of models trained on parts of them only all together answer one."""
+        if snapshots.columns is not None:
+            return None, None
+        return self.compared_along(model, snapshots, held_out, limits, remedy)
+
+    def compared_along(
+        self,
+        model: Model,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        limits: TrustLimits | None,
+        remedy: str | Mapping[str, str],
+    ) -> tuple[Comparison | None, Trained | None]:
+        """Errors against whole histories, and the training range."""
+        trained: Trained | None = getattr(model, "trained", None)
+        return compared_histories(self.full, model, snapshots, held_out, limits, remedy)[0], trained
+
+    def pairs(self, model: Model, known: SnapshotSet) -> Answered:
+        """The steps of one known history, with those of a model along the same path."""
+        if not known.histories:
+            yield from super().pairs(model, known)
+        for history in known.histories[:1]:
+            found: list[Any] = [None] * len(history.answers)
+            with suppress(HHRError):
+                found = retraced(model, history).answers
+            for here, exact in zip(found, history.answers, strict=True):
+                yield exact, here, f"t = {exact.time:g} s of history 0"
+
+
+class OfPaths(OfHistories, OfContactLaws):
+    """Answers of elastic bodies with laws of contacts that remember."""
+
+    @property
+    def unbounded(self) -> str:
+        """Errors add up along a path."""
+        return f"contact with {self.full.law.name}: the error of reduced increments has no bound"
+
+    def skipped(self, recipe: Recipe) -> Iterator[tuple[str, str]]:
+        """None: forces are indicated in any case."""
+        yield from ()
+
+    def condensed_from(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> tuple[None, None, bool]:
+        """No answers: an increment starts from the one before. Outputs of displacements take fields."""
+        outputs = self.full.functionals
+        return None, None, outputs is not None and any(item.count for item in outputs.items)
+
+    def statuses(self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]) -> KnownStatuses:
+        """None."""
+        problem = self.full.problem
+        return KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+
+    def round_off(self, known: SnapshotSet) -> float:
+        """More for single answers."""
+        return super().round_off(known) if known.histories else OF_STEPS
+
+
+def kind_of_contacts(full: FullModel) -> OfPoints:
+    """Tool ``reduction``: the kind of the answers of elastic bodies with laws of contacts."""
+    return OfPaths(full) if full.law.remembers else OfContactLaws(full)
