@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
+from hhr_dolfinx.certify.constants import Stability, assess
 from hhr_dolfinx.certify.trust import TrustLimits, check_loads_seen, check_solvable, check_stability
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
@@ -26,7 +26,7 @@ from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichme
 from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
+from hhr_dolfinx.reduction.reductor import Reductor, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
@@ -56,7 +56,6 @@ class Offline:
     recipe: Recipe
     basis: np.ndarray  # before enrichment, (own, ell)
     nodes: np.ndarray  # from which the RID is made
-    constants: FullConstants
     completion: Completion  # of answers
     computed: dict[str, Any] = field(default_factory=dict)  # what stages compute once for all attempts, by name
 
@@ -213,7 +212,7 @@ class HyperReduction(Reductor[Offline]):
         return range(domain.layers, max(domain.layers, domain.most_layers) + 1)
 
     def prepare(self, task: Task, before: Offline | None = None) -> Offline:
-        """Basis, nodes of the RID, constants of the full model and reconstruction."""
+        """Basis, nodes of the RID and reconstruction."""
         full, log, snapshots = task.full, task.log, task.snapshots
         problem = full.problem
         recipe: Recipe = self.recipe
@@ -228,13 +227,11 @@ class HyperReduction(Reductor[Offline]):
             basis = basis_of(recipe.basis, problem, snapshots)
         with log.stage("rid", task.announce):
             nodes = chosen_nodes(problem, snapshots, recipe, basis)
-        with log.stage("full_constants", task.announce):
-            constants = FullConstants.of(full)
         with log.stage("reconstruction", task.announce):
             completion = Completion.of(problem, snapshots)
         for stage, why in task.kind.skipped(recipe):
             log.skip(stage, why)
-        return Offline(task, snapshots, recipe, basis, nodes, constants, completion)
+        return Offline(task, snapshots, recipe, basis, nodes, completion)
 
     def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
         """All stages, with a constant number of layers."""
@@ -250,11 +247,6 @@ class HyperReduction(Reductor[Offline]):
         if limits is not None:
             task.kind.warn_of_estimates(model.fields)
         return found
-
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """By the default recipe, if points or paths of the search have answers to train on."""
-        if kind_of(search.full).trains_on(search.family):
-            yield from super().proposals(search)
 
 
 _HERE = "hhr_dolfinx.reduction.build"
@@ -331,15 +323,9 @@ def assess_projection(draft: Draft) -> None:
     shared = draft.shared
     problem = shared.full.problem
     with shared.log.stage("stability", shared.task.announce):
-        rows = _distinct(problem, draft.sets)
-        reduced = draft.reduced
-        if not (kept := problem.distinct[draft.sets.A_lambda]).all():
-            per_row = {
-                name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")
-            }
-            reduced = replace(reduced, **per_row)
-        draft.stability = assess(problem, shared.constants, draft.basis, rows, reduced)
-        check_solvable(draft.stability, problem, rows)
+        sets, reduced = independent(problem, draft.sets, draft.reduced)
+        draft.stability = assess(problem, draft.basis, sets, reduced)
+        check_solvable(draft.stability, problem, sets)
 
 
 def check_constants(draft: Draft) -> None:
@@ -393,6 +379,15 @@ def start_along(draft: Draft) -> None:
         with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
             known = linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
             draft.model = model.changed(known=known)
+
+
+def independent(problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem) -> tuple[IndexSets, ReducedProblem]:
+    """A RID and its projection without conditions that others repeat."""
+    kept = problem.distinct[sets.A_lambda]
+    if not kept.all():
+        per_row = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
+        reduced = replace(reduced, **per_row)
+    return _distinct(problem, sets), reduced
 
 
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -17,7 +16,7 @@ from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.kinds import kind_of
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, made
+from hhr_dolfinx.reduction.reductor import Reductor, Task
 
 STARTS = 64
 """Points whose statuses are solved in advance on S, without snapshots."""
@@ -49,15 +48,6 @@ class ExactCondensation(Reductor[Task]):
     def compare(self, task: Task, model: Any) -> tuple[None, None]:
         """Nothing: the driver compares the claim of exactness."""
         return None, None
-
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """One model."""
-
-        def make() -> Any:
-            search.announce("exact condensation", 0.0)
-            return made(ExactCondensation(search.target.needs_fields), Task(search.full, sure=0))
-
-        yield Proposal(self.method, "exact", make)
 
 
 def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:

@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from functools import cached_property
+from typing import Any, ClassVar, Generic, TypeVar
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.compare import Comparison
@@ -39,17 +39,10 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.store import ArrayStore
-
-
 SURE = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
 MOST_FRESH = 16
 """Points at which a full answer is solved for at most: a box may have points without an equilibrium."""
-POINTS = (32, 64, 128, 256, 512)
-PATHS = (8, 16, 32)
-"""Training points and paths of the models that a search tries; each training has twice as many as the one before."""
 OF_SCENE = SceneWarning, SmallStrainWarning
 """Warnings of the scene, which survive an attempt that is refused: the returned model belongs to the same scene."""
 
@@ -95,33 +88,6 @@ class Record(Generic[Facts]):
         if name.startswith("_") or name == "facts":
             raise AttributeError(name)
         return getattr(self.facts, name)
-
-
-class Search(Protocol):
-    """A search for a model, as reductors see it."""
-
-    full: FullModel
-    # its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no quantity can need the stress
-    target: Any
-    family: object  # paths, if answers depend on them; None if queries are points
-    held_out: Sequence[object]  # answers of checks so far
-    checked: SnapshotSet | None  # the same as a set; None before the first check
-    forces_off: bool  # contact forces of the last model were less accurate than the target
-    reads_displacements: bool  # the target, or an output of the scene, needs displacements
-    store: ArrayStore | None  # keeps solutions of connected components
-    announce: Announce  # reports a stage, and raises if the rest of it exceeds the budget
-    progress: Announce  # reports a stage
-    reduced: Callable[[Reductor, int], Any]  # makes the model of a reductor of about so many training answers
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A model that a search may try, and its row in the table."""
-
-    method: str
-    setting: str
-    make: Callable[[], Any]
-    spared: Callable[[], Any] | None = None  # makes one without bound, if the budget ends at fields or bound
 
 
 class Reductor(ABC, Generic[Prepared]):
@@ -179,12 +145,6 @@ class Reductor(ABC, Generic[Prepared]):
         0 by default: the first level that is not refused ends the attempts.
         """
         return 0.0
-
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """Models that a search may try: by default of more and more answers."""
-        kind, counts = ("points", POINTS) if search.family is None else ("paths", PATHS)
-        for count in counts:
-            yield Proposal(self.method, f"{count} training {kind}", partial(search.reduced, self, count))
 
 
 @dataclass(eq=False)

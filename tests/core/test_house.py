@@ -185,7 +185,7 @@ UNNEEDED = {
     "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }  # fmt: skip
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
-OF_BOTH = {"checks", "differences", "small_strains", "studies"}
+OF_BOTH = {"checks", "differences", "small_strains", "studies", "theorems"}
 PLUGINS = {
     "elastic": OF_BOTH | {"baselines"},
     "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},

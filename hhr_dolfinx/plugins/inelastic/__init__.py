@@ -27,7 +27,7 @@ def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
 PLUGIN = Plugin(
     name=_OURS,
     needs=("small_strains", "programs", "paths"),
-    optional=("studies",),
+    optional=("one_call", "studies"),
     public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": _STEPS},
     parts={
         "laws": {name: f"{_HERE}.laws:{name}" for name in _LAWS.split()},

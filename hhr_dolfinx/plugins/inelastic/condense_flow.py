@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -44,7 +44,7 @@ from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
+from hhr_dolfinx.reduction.reductor import Reductor, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
 
@@ -75,6 +75,11 @@ def correction_strain(
     slack = problem.gaps @ theta - problem.contact @ free
     found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
     return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
+
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
+    from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
 
 @dataclass(frozen=True)
@@ -351,13 +356,15 @@ class CorrectionSettings(Reductor["_Shared"]):
         pairs += [(further[STRESS_ERROR], self.stress), (further[PLASTIC_ERROR], self.plastic)]
         return float(max(errors.max() / wish for errors, wish in pairs))
 
-    def proposals(self, search: Search) -> Iterator[Proposal]:
+    def proposals(self, search: SearchContext) -> Iterator[Proposal]:
         """Of more and more histories, with targets of the search."""
+        from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
+
         tolerance = search.target.error / 2  # a margin for errors that the check does not see
         own = replace(self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6)
         if search.target.elastic:  # else an output may need the stress, which must be refined further
             own = replace(own, stress=math.inf, plastic=math.inf)
-        return super(CorrectionSettings, own).proposals(search)
+        return of_more_answers(own, search)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,5 +23,9 @@ PLUGIN = Plugin(
     commands={"march": f"{_HERE}.commands:march"},
     recipes={"of_paths": f"{_HERE}.kinds:of_paths"},
     stages=(Stage(f"{_HERE}.kinds:complete_contacts", "hhr_dolfinx.reduction.build:reconstruct", _wanted),),
-    tools={"reduction": f"{_HERE}.kinds:kind_of_contacts"},
+    tools={
+        "histories": f"{_HERE}.histories:Paths",
+        "queries": f"{_HERE}.queries:training_queries",
+        "reduction": f"{_HERE}.kinds:kind_of_contacts",
+    },
 )
