@@ -130,7 +130,6 @@ class SnapshotSet(Shown):
         active: statuses, (N_lambda, S) bool.
         states: memory of laws of bodies, one for each column; empty for elastic bodies.
         histories: histories whose steps are the columns; empty for answers at single parameters.
-        columns: numbers of the columns among all steps of the concatenated histories, increasing; None for all.
     """
 
     points: np.ndarray
@@ -139,7 +138,6 @@ class SnapshotSet(Shown):
     active: np.ndarray
     states: tuple[Memory, ...] = ()
     histories: tuple[History, ...] = ()
-    columns: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
         """Facts to show, see :class:`~hhr_dolfinx.models.shown.Shown`."""
@@ -193,16 +191,6 @@ class SnapshotSet(Shown):
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
-    def part(self, columns: np.ndarray) -> SnapshotSet:
-        """Select steps of the histories, by increasing numbers among all steps, to train a local model on.
-
-        Raises:
-            ReductionError: for answers at single parameters; use ``take`` for these.
-        """
-        if not self.histories or self.columns is not None:
-            raise ReductionError("parts are taken of whole histories: SnapshotSet.of_histories")
-        return replace(self.take(columns), histories=self.histories, columns=np.asarray(columns))
-
     def gathered(self, problem: ContactProblem) -> SnapshotSet:
         """Gather all rows on every rank, for answers of a problem with distributed rows. Collective."""
         if self.histories or problem.spread.all_here:
@@ -215,8 +203,6 @@ class SnapshotSet(Shown):
         Raises:
             ReductionError: for answers at single parameters with histories, or answers on another mesh.
         """
-        if self.columns is not None or others.columns is not None:
-            raise ReductionError("parts of histories cannot be joined: join whole ones, and take parts of them")
         if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(others.displacements):
             raise ReductionError(
                 f"{len(others.points)} answers cannot be joined to {len(self.points)} others: histories go with "

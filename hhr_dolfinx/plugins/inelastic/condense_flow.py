@@ -282,7 +282,7 @@ class CorrectionSettings(Reductor["_Shared"]):
                 "the hyper-reduced model, training.build()"
             )
         check_of_problem("snapshots", snapshots, full.problem)
-        if snapshots is None or not snapshots.histories or snapshots.columns is not None:
+        if snapshots is None or not snapshots.histories:
             raise ReductionError(
                 "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
             )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,20 +93,12 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     )
 
 
-def _steps_of_histories(snapshots: SnapshotSet) -> list[np.ndarray]:
-    """Numbers, from 0, of the steps of each history that are columns."""
-    ends = np.cumsum([0, *(len(history.answers) for history in snapshots.histories)])
-    columns = np.arange(ends[-1]) if snapshots.columns is None else snapshots.columns
-    return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
-
-
 def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness at some training states of each history, the last among them, with their constants."""
     states: list[tuple[Any, csr_matrix]] = []
-    histories = zip(snapshots.histories, _steps_of_histories(snapshots), strict=True)
-    for history, known in histories if full.material.flows else ():
-        places = np.unique(np.linspace(0, len(known), count + 1).astype(int)[1:])
-        for step in known[places[places > 0] - 1]:
+    for history in snapshots.histories if full.material.flows else ():
+        places = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
+        for step in places[places > 0] - 1:
             here = history.answers[step]
             time = history.start
             state = full.material.at_rest()

@@ -182,7 +182,7 @@ class OfInelasticBodies(OfHistories):
     def range_of(self, snapshots: SnapshotSet) -> None:
         """None before the check, which solves the known paths."""
 
-    def compared_along(
+    def compared(
         self,
         model: Model,
         snapshots: SnapshotSet,

@@ -48,9 +48,9 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import AllOutputs
+    from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
     from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.one_call.proposals import Proposal
-    from hhr_dolfinx.snapshots.store import ArrayStore
 
 
 ALONG = 4

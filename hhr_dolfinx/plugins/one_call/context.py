@@ -23,6 +23,7 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
@@ -34,7 +35,6 @@ from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
-from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn

@@ -127,20 +127,7 @@ class OfHistories(OfPoints):
         limits: TrustLimits | None,
         remedy: str | Mapping[str, str],
     ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known histories; of models trained on parts of them only all together answer one."""
-        if snapshots.columns is not None:
-            return None, None
-        return self.compared_along(model, snapshots, held_out, limits, remedy)
-
-    def compared_along(
-        self,
-        model: Model,
-        snapshots: SnapshotSet,
-        held_out: SnapshotSet | None,
-        limits: TrustLimits | None,
-        remedy: str | Mapping[str, str],
-    ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against whole histories, and the training range."""
+        """Errors against known histories, and the training range."""
         trained: Trained | None = getattr(model, "trained", None)
         return compared_histories(self.full, model, snapshots, held_out, limits, remedy)[0], trained
 
