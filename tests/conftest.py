@@ -26,6 +26,7 @@ settings.load_profile("patient")
 NEEDING = {
     "core/test_benchmarks.py": ("mortar", "second_order"),
     "core/test_command.py": ("nonmatching",),
+    "core/test_contact_law.py": ("paths",),
     "core/test_deck_benchmark.py": ("decks", "nonmatching"),
     "core/test_demo.py": (
         "checks",
@@ -39,8 +40,10 @@ NEEDING = {
         "volume_loads",
     ),
     "core/test_fuel_rod.py": ("volume_loads",),
+    "core/test_gasket.py": ("paths",),
     "plugins/local/test_subspaces.py": ("theorems",),
     "core/test_outputs.py": ("stress",),
+    "plugins/differences/test_fitted_forces.py": ("paths",),
     "plugins/differences/test_output_bounds.py": ("stress",),
     "plugins/doors/test_doors.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
