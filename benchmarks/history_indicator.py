@@ -26,10 +26,10 @@ from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor, relative_error
-from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import OutsideTrainingWarning, UnstableModelError
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed

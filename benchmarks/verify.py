@@ -21,11 +21,11 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx import errors
 from hhr_dolfinx.certify.accuracy import contact_residuals, force_floor, relative_error
-from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
+from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Reductor

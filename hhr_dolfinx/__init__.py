@@ -34,7 +34,7 @@ PUBLIC = {
     "parameters": "ParameterSpace",
     "reduction.build": "build",
     "reduction.exact": "exact_condensation",
-    "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Tangents Zone",
+    "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Zone",
     "sampling": "LatinHypercube Sobol",
     "scene": "Displacement Opening Scene",
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",

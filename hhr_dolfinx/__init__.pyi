@@ -78,7 +78,9 @@ from .plugins.inelastic.laws import PrimaryCreep as PrimaryCreep
 from .plugins.inelastic.laws import TabulatedHardening as TabulatedHardening
 from .plugins.inelastic.laws import Voce as Voce
 from .plugins.inelastic.recipe import FlowDeim as FlowDeim
+from .plugins.inelastic.recipe import FlowLimits as FlowLimits
 from .plugins.inelastic.recipe import StressDeim as StressDeim
+from .plugins.inelastic.recipe import Tangents as Tangents
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
@@ -134,7 +136,6 @@ from .reduction.recipe import LoadNodes as LoadNodes
 from .reduction.recipe import Pod as Pod
 from .reduction.recipe import Recipe as Recipe
 from .reduction.recipe import Rid as Rid
-from .reduction.recipe import Tangents as Tangents
 from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube
 from .sampling import Sobol as Sobol

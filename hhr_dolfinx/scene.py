@@ -290,6 +290,11 @@ class Scene(KnownArguments):
         """True if answers depend on the path that leads to them, by the law of a contact."""
         return any(law is not None for law in self.laws)
 
+    @property
+    def by_paths(self) -> bool:
+        """True if answers depend on the path that leads to them."""
+        return bool(self.remembers or self.reader)
+
     @cached_property
     def reader(self) -> str:
         """Name of the plug-in that reads the laws of bodies, empty if all are elastic; SceneError for several."""

@@ -27,8 +27,8 @@ from indentation import (
 from scipy.optimize import least_squares
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.timing import timed
 
 

@@ -99,13 +99,18 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
 
 @dataclass(frozen=True)
 class Residuals:
-    """Residuals of the contact problem for an answer, each relative to its scale."""
+    """Residuals of the contact problem for an answer, each relative to its scale.
 
-    equilibrium: float  # norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces
-    # deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of the largest
-    # displacement
+    Attributes:
+        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces.
+        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of
+            the largest displacement.
+        sign: largest tensile force over the largest contact force.
+    """
+
+    equilibrium: float
     penetration: float
-    sign: float  # largest tensile force over the largest contact force
+    sign: float
 
 
 def contact_residuals(
@@ -128,8 +133,8 @@ def contact_residuals(
     if scale <= ROUND_OFF * norm(load):  # nothing presses: forces are zero but for round-off
         scale = norm(load)
     left = residual * rows.of(problem.free)
-    equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
-    return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta, opened))
+    imbalance = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
+    return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
 
 def slack_residuals(

@@ -6,17 +6,17 @@ Perfect inf-sup constants are necessary and not sufficient; cond(K~) and validat
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.certify.accuracy import Solutions, force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, compared_laws
+from hhr_dolfinx.certify.accuracy import Solutions
+from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
@@ -28,13 +28,8 @@ from hhr_dolfinx.errors import (
     UnseenLoadError,
     UnstableModelError,
 )
-from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.warn import warn
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, above which a region counts as empty."""
@@ -63,13 +58,8 @@ class TrustLimits:
         refuse_inf_sup: smallest inf-sup constant relative to its matrix; below, it is round-off.
         refuse_primal: error of the displacement everywhere on solutions that were compared, 95th percentile.
         refuse_dual: error of the forces on the whole contact surface, with a floor, 95th percentile.
-        refuse_stress: error of the stress of load paths, on the whole mesh, over its largest norm, 95th percentile;
-            from 0.5 to 1.4 % in good models, 5 % if few points reconstruct the stress of bodies with many stiffnesses.
-        refuse_plastic: error of the cumulated plastic strain; 0.1 to 0.5 % in these models.
-        warn_primal, warn_dual, warn_stress, warn_plastic: 95th percentile above which a warning is given.
+        warn_primal, warn_dual: 95th percentile above which a warning is given.
         warn_worst: largest force error above which a warning is given.
-        warn_estimate: largest estimate of a known step of a load path; other steps are distinguished if theirs is three
-            times as large.
     """
 
     refuse_cond_K: float = 1e7
@@ -80,14 +70,9 @@ class TrustLimits:
     refuse_inf_sup: float = 1e-10
     refuse_primal: float = 0.2
     refuse_dual: float = 0.6
-    refuse_stress: float = 0.3
-    refuse_plastic: float = 0.3
     warn_primal: float = 0.02
     warn_dual: float = 0.05
-    warn_stress: float = 0.08
-    warn_plastic: float = 0.05
     warn_worst: float = 0.1
-    warn_estimate: float = 0.05
 
     def __post_init__(self) -> None:
         """Raise ReductionError for invalid limits, and for warnings above the limit of refusal."""
@@ -100,17 +85,22 @@ class TrustLimits:
                     f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
                     "math.inf for no limit"
                 )
-        for name in ("cond_K", "primal", "dual", "stress", "plastic"):
-            doubtful = getattr(self, f"warn_{name}")
-            refuse = getattr(self, f"refuse_{name}")
-            if refuse < doubtful < math.inf:
+        limits = {item.name: getattr(self, item.name) for item in fields(self)}
+        for name, refuse in limits.items():
+            warned = name.replace("refuse_", "warn_")
+            if refuse < limits.get(warned, 0.0) < math.inf:
                 raise ReductionError(
-                    f"warn_{name} = {doubtful:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would "
-                    f"be refused before it is warned of. Give a smaller warn_{name} too, or math.inf for no warning"
+                    f"{warned} = {limits[warned]:g} of TrustLimits lies beyond {name} = {refuse:g}: a model would be "
+                    f"refused before it is warned of. Give a smaller {warned} too, or math.inf for no warning"
                 )
 
+    def judged(self, comparison: Comparison) -> Iterator[tuple[str, np.ndarray, float, float, float]]:
+        """Names and values of errors, limits of their 95th percentile (refused, warned of), and of the worst."""
+        yield "displacement", comparison.primal, self.refuse_primal, self.warn_primal, math.inf
+        yield "contact force", comparison.dual, self.refuse_dual, self.warn_dual, self.warn_worst
+
     @classmethod
-    def of_histories(cls, **changes: float) -> TrustLimits:
+    def of_histories(cls, **changes: float) -> Self:
         """Limits for load paths, whose forces vary more from node to node; measured 0.2 and 4 % in good models."""
         return cls(**{"warn_primal": 0.03, "warn_dual": 0.1, "warn_worst": 0.1} | changes)
 
@@ -224,14 +214,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
     The worst point is named; a warning is given if its force error is beyond a separate limit. The remedy depends on
     the kind of model, and on the error if there is one for each.
     """
-    for name, values, refuse, doubtful, doubtful_worst in (
-        ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
-        ("contact force", comparison.dual, limits.refuse_dual, limits.warn_dual, limits.warn_worst),
-        ("stress", comparison.stress, limits.refuse_stress, limits.warn_stress, math.inf),
-        ("plastic strain", comparison.plastic, limits.refuse_plastic, limits.warn_plastic, math.inf),
-    ):
-        if values is None:
-            continue
+    for name, values, refuse, doubtful, doubtful_worst in limits.judged(comparison):
         # an order statistic: failed points do not make it NaN
         high = float(np.percentile(values, 95, method="higher"))
         worst = int(values.argmax())
@@ -248,38 +231,30 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
             _warn(message)
 
 
-def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
-    """Warn in advance of deficits in training and validation that no check of the model can find."""
-    laws = compared_laws(full)
-    if not full.by_paths:  # each step of an elastic load path is a point like any other
-        warn_of_gaps_in_training(snapshots.points)
-        warn_of_moduli_unseen(full.problem, snapshots.points)
-    if not snapshots.any_contact(full.problem):
+def warn_of_no_contact(problem: ContactProblem, snapshots: Solutions) -> None:
+    """Warn of a training without contact."""
+    if not snapshots.any_contact(problem):
         _warn(
             "no training solution has contact: the model knows nothing of contact forces. Check gaps, normals and "
             "loads, or train where bodies touch",
             TrainingWarning,
         )
-    if laws is not None:
-        laws.warn_of_training(full, snapshots)
-    _warn_of_held_out(held_out, full.by_paths)
 
 
-def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:
-    """Warn of no or few validation solutions; one path of laws that remember counts as many points."""
+def warn_of_few_held_out(held_out: Solutions | None, least: int = FEW, advice: str = f"at least {FEW}") -> None:
+    """Warn of no or few validation solutions."""
     if held_out is None:
         warning = (
             "no solutions were kept out of training: the model is compared with its own training only, and its error "
             "elsewhere is unknown"
         )
-    elif paths or len(held_out.points) >= FEW:
+    elif len(held_out.points) >= least:
         return
     else:
         warning = (
             f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
         )
-    advice = f"Give {'a history' if paths else f'at least {FEW}'} as held_out, as train does"
-    warn(f"{warning}. {advice}", UncheckedWarning)
+    warn(f"{warning}. Give {advice} as held_out, as train does", UncheckedWarning)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
@@ -339,28 +314,3 @@ def _share(value: float) -> str:
 
 def _warn(message: str, category: type[Warning] = StabilityWarning) -> None:
     warn(message, category)
-
-
-TRAINED = "trained history"
-
-
-def compared_histories(
-    full: FullModel,
-    model: Model,
-    snapshots: Solutions,
-    held_out: Solutions | None,
-    limits: TrustLimits | None,
-    remedy: str | Mapping[str, str] = OF_A_RID,
-) -> tuple[Comparison | None, dict[str, list[Any]]]:
-    """Errors against known load paths, None without limits, and the signs of their steps by label.
-
-    Raises and warns as :func:`check_comparison`.
-    """
-    kept = () if held_out is None else held_out.histories
-    histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}
-    histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
-    comparison, shown = compare_histories(full, model, histories, force_floor(full.problem, snapshots))
-    if limits is None:
-        return None, shown
-    check_comparison(comparison, limits, remedy)
-    return comparison, shown

@@ -5,41 +5,32 @@ Stages that a scene does not need are skipped and listed with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.compare import Comparison, compare_on_s
-from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
-from hhr_dolfinx.certify.trust import (
-    TrustLimits,
-    check_comparison,
-    check_loads_seen,
-    check_solvable,
-    check_stability,
-    warn_of_training,
-)
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.constants import Stability, assess
+from hhr_dolfinx.certify.trust import TrustLimits, check_loads_seen, check_solvable, check_stability
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
-from hhr_dolfinx.models.eliminations.elimination import Elimination
+from hhr_dolfinx.errors import NotSolvableError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.reconstruct import Reconstruction
-from hhr_dolfinx.models.reduced import ReducedLaws, ReducedModel
+from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
-from hhr_dolfinx.reduction.interface import bodies_of, completed
+from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
+from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.reductor import Reductor, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
-from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
+from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
-from hhr_dolfinx.trained import Trained, TrainedRange
+from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
 
 
@@ -53,7 +44,7 @@ class HyperFacts:
     sets: IndexSets  # of the RID
     stability: Stability  # constants of the elastic projection
     enrichment: Enrichment  # of the basis
-    tangent_margin: float | None  # smallest real part of the eigenvalues of the projected tangents, if computed
+    further: Mapping[str, float]  # what stages of plug-ins found, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +56,6 @@ class Offline:
     recipe: Recipe
     basis: np.ndarray  # before enrichment, (own, ell)
     nodes: np.ndarray  # from which the RID is made
-    constants: FullConstants
     completion: Completion  # of answers
     computed: dict[str, Any] = field(default_factory=dict)  # what stages compute once for all attempts, by name
 
@@ -95,12 +85,11 @@ class Draft:
     sets: IndexSets = field(init=False)
     enrichment: Enrichment = field(init=False)
     reduced: ReducedProblem = field(init=False)  # the projected arrays
-    flow: ReducedLaws | None = None  # laws of bodies on the RID; None for elastic bodies
-    compliances: Elimination | None = None  # of gamma at any parameter; None for that of the projected arrays
+    parts: dict[str, Any] = field(default_factory=dict)  # further arguments of the model, by name
     stability: Stability = field(init=False)
     fields: Reconstruction = field(init=False)  # of answers
     model: ReducedModel = field(init=False)
-    tangent_margin: float | None = None
+    further: dict[str, float] = field(default_factory=dict)  # facts of the record, by name
 
     @property
     def basis(self) -> np.ndarray:
@@ -110,23 +99,13 @@ class Draft:
     @property
     def facts(self) -> HyperFacts:
         """Facts of the model."""
-        made = self.basis, self.sets, self.stability, self.enrichment, self.tangent_margin
+        made = self.basis, self.sets, self.stability, self.enrichment, self.further
         return HyperFacts(self.shared.recipe, self.layers, *made)
 
 
-def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
-    """Default recipes of a scene; each is tried if the one before leaves contact rows dependent.
-
-    These are dependent where contact alone holds a body: its modes without rigid motions need more enrichment.
-    """
-    if full.equilibrium is not None:
-        return bodies_of(full).recipes()
-    return (Recipe.of_paths(), Recipe.of_paths(enrichment=Enrich(2.0))) if full.law.plugin else (Recipe(),)
-
-
 def usual_recipe(full: FullModel) -> Recipe:
-    """The first of them."""
-    return usual_recipes(full)[0]
+    """Default recipe of a scene, the first one that is tried."""
+    return kind_of(full).recipes()[0]
 
 
 def build(
@@ -170,7 +149,7 @@ def build(
         recipe = recipe.recipe
     elif (reductor := as_reductor(recipe)) is not None:
         return made(reductor, task)
-    recipes = usual_recipes(full) if recipe is None else (recipe,)
+    recipes = task.kind.recipes() if recipe is None else (recipe,)
     for outcome in outcomes(recipes, lambda item: made(HyperReduction(item), task), (NotSolvableError,)):
         if outcome.error is None:
             break
@@ -181,13 +160,13 @@ def build(
     return outcome.made
 
 
-def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
+def not_by_rows(kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
     """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe; empty if it is.
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
-    if problem.law.plugin:
-        return f"contact with {problem.law.name}"
+    if why := kind.not_by_rows():
+        return why
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -195,31 +174,12 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
     return ""
 
 
-def check_given(full: FullModel, snapshots: Any, recipe: object, held_out: SnapshotSet | None) -> None:
-    """Raise ReductionError for an invalid recipe, and for solutions of another problem."""
+def check_recipe(recipe: object) -> None:
+    """Raise ReductionError for an invalid recipe."""
     if isinstance(recipe, type):
         raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
-    problem = full.problem
-    problem.require_parts("hyper-reduction")
-    if problem.law.plugin:
-        completed(full)
-    if problem.reshaped is not None and full.equilibrium is not None:
-        raise NotOfferedError(
-            "hyper-reduction is not built in for bodies with laws whose shape depends on parameters: weights of points "
-            "and strains of modes change with the shape"
-        )
-    for name, solutions in (("snapshots", snapshots), *([] if held_out is None else [("held_out", held_out)])):
-        check_of_problem(name, solutions, problem)
-        if full.equilibrium is not None:
-            bodies_of(full).check_given(full, name, solutions)
-        elif solutions.states:
-            raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
-        elif problem.law.remembers and not solutions.histories:
-            raise ReductionError(
-                f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
-            )
 
 
 @dataclass(frozen=True)
@@ -238,11 +198,13 @@ class HyperReduction(Reductor[Offline]):
 
     def check(self, task: Task) -> None:
         """See :func:`build`."""
-        check_given(task.full, task.snapshots, self.recipe, task.held_out)
+        check_recipe(self.recipe)
+        task.full.problem.require_parts("hyper-reduction")
+        task.check_answers()
 
     def not_by_rows(self, task: Task) -> str:
         """See :func:`not_by_rows`."""
-        return not_by_rows(task.full.problem, task.snapshots, self.recipe)
+        return not_by_rows(task.kind, task.snapshots, self.recipe)
 
     def levels(self, task: Task) -> Iterable[int]:
         """Layers of cells."""
@@ -250,7 +212,7 @@ class HyperReduction(Reductor[Offline]):
         return range(domain.layers, max(domain.layers, domain.most_layers) + 1)
 
     def prepare(self, task: Task, before: Offline | None = None) -> Offline:
-        """Basis, nodes of the RID, constants of the full model and reconstruction."""
+        """Basis, nodes of the RID and reconstruction."""
         full, log, snapshots = task.full, task.log, task.snapshots
         problem = full.problem
         recipe: Recipe = self.recipe
@@ -258,25 +220,18 @@ class HyperReduction(Reductor[Offline]):
         if recipe.trust is None:
             log.skip("validation", "no limits were given: the model is as it is")
         else:
-            warn_of_training(full, snapshots, task.held_out)
+            task.kind.warn_of_training(snapshots, task.held_out)
             if task.held_out is None:
                 log.skip("held_out", "nothing was kept out of training: training answers were compared")
         with log.stage("basis", task.announce):
             basis = basis_of(recipe.basis, problem, snapshots)
         with log.stage("rid", task.announce):
             nodes = chosen_nodes(problem, snapshots, recipe, basis)
-        with log.stage("full_constants", task.announce):
-            constants = FullConstants.of(full)
         with log.stage("reconstruction", task.announce):
-            laws = None if full.equilibrium is None else bodies_of(full).fitted(snapshots)
-            completion = Completion.of(problem, snapshots, laws)
-        if full.equilibrium is None:
-            log.skip("tangents", "elastic bodies: the elastic operator is the tangent")
-        elif recipe.tangents is None:
-            log.skip("tangents", "not requested")
-        if recipe.indicator is None and (not problem.law.remembers or full.equilibrium is not None):
-            log.skip("indicator", "no estimate of the error of each answer was requested")
-        return Offline(task, snapshots, recipe, basis, nodes, constants, completion)
+            completion = Completion.of(problem, snapshots)
+        for stage, why in task.kind.skipped(recipe):
+            log.skip(stage, why)
+        return Offline(task, snapshots, recipe, basis, nodes, completion)
 
     def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
         """All stages, with a constant number of layers."""
@@ -286,23 +241,12 @@ class HyperReduction(Reductor[Offline]):
         return draft.model, draft.facts
 
     def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known answers, and on S for bodies with rigid motions."""
-        assert task.snapshots is not None  # checked
-        if task.snapshots.columns is not None:
-            task.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
-            return None, None
+        """Errors against known answers."""
         limits = self.limits
         found = compared(task, model, limits, self.remedy)
-        if limits is not None and not model.by_paths:
-            if task.full.problem.held_by_contact and model.fields.bound is not None:
-                check_comparison(compare_on_s(model), limits)
-            warn_unbounded(model.fields)
+        if limits is not None:
+            task.kind.warn_of_estimates(model.fields)
         return found
-
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """By the default recipe; with a law that remembers only of paths, as points have no answers to train on."""
-        if not search.full.law.remembers or search.family is not None:
-            yield from super().proposals(search)
 
 
 _HERE = "hhr_dolfinx.reduction.build"
@@ -379,15 +323,9 @@ def assess_projection(draft: Draft) -> None:
     shared = draft.shared
     problem = shared.full.problem
     with shared.log.stage("stability", shared.task.announce):
-        rows = _distinct(problem, draft.sets)
-        reduced = draft.reduced
-        if not (kept := problem.distinct[draft.sets.A_lambda]).all():
-            per_row = {
-                name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")
-            }
-            reduced = replace(reduced, **per_row)
-        draft.stability = assess(problem, shared.constants, draft.basis, rows, reduced)
-        check_solvable(draft.stability, problem, rows)
+        sets, reduced = independent(problem, draft.sets, draft.reduced)
+        draft.stability = assess(problem, draft.basis, sets, reduced)
+        check_solvable(draft.stability, problem, sets)
 
 
 def check_constants(draft: Draft) -> None:
@@ -403,11 +341,11 @@ def reconstruct(draft: Draft) -> None:
     full = shared.full
     recipe = shared.recipe
     problem = full.problem
-    found = bound_of(full, recipe, shared.snapshots, draft.basis, shared.log, shared.task.announce)
+    found = bound_of(shared.task, recipe, draft.basis)
     with shared.log.stage("reconstruction", shared.task.announce):
-        cone = (recipe.cone or found.bound is None) and not problem.law.plugin  # forces of other laws may have any sign
+        cone = (recipe.cone or found.bound is None) and shared.task.kind.cone
         draft.fields = replace(
-            shared.completion.reconstruction(problem, found.columns, draft.sets, draft.flow, cone=cone),
+            shared.completion.reconstruction(problem, found.columns, draft.sets, cone=cone),
             bound=found.bound,
             unbounded=found.unbounded,
             response=found.response,
@@ -415,25 +353,20 @@ def reconstruct(draft: Draft) -> None:
             functionals=plain_outputs(full),
             full=full,
         )
-        if problem.law.plugin:
-            law, complete = completed(full)
-            fitted = complete(problem, law, draft.sets.A_lambda, shared.snapshots.forces)
-            draft.fields = replace(draft.fields, interface=fitted)
         if recipe.indicator is not None:
             indicator = recipe.indicator.prepared(problem, draft.basis, draft.sets)
             draft.fields = replace(draft.fields, indicator=indicator)
 
 
 def assemble(draft: Draft) -> None:
-    """The model, with the range and the statuses of the training; the paths of load paths are known after the check."""
+    """The model, with the range and the statuses of the training, as far as they are known before its check."""
     shared = draft.shared
-    space = shared.full.parameters
-    elastic = draft.flow is None
-    known = shared.snapshots.known_statuses(draft.sets.A_lambda) if elastic else None
+    kind = shared.task.kind
+    known = kind.starts(shared.snapshots, draft.sets.A_lambda)
     with shared.log.stage("online_arrays", shared.task.announce):
-        trained = TrainedRange.of(shared.snapshots.points, space) if elastic else None
-        parts = draft.reduced, space, draft.fields, trained
-        draft.model = ReducedModel(*parts, known=known, flow=draft.flow, compliances=draft.compliances)
+        trained = kind.range_of(shared.snapshots)
+        space = shared.full.parameters
+        draft.model = ReducedModel(draft.reduced, space, draft.fields, trained, known=known, **draft.parts)
 
 
 def start_along(draft: Draft) -> None:
@@ -446,6 +379,15 @@ def start_along(draft: Draft) -> None:
         with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
             known = linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
             draft.model = model.changed(known=known)
+
+
+def independent(problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem) -> tuple[IndexSets, ReducedProblem]:
+    """A RID and its projection without conditions that others repeat."""
+    kept = problem.distinct[sets.A_lambda]
+    if not kept.all():
+        per_row = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
+        reduced = replace(reduced, **per_row)
+    return _distinct(problem, sets), reduced
 
 
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:

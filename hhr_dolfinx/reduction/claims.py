@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -10,19 +10,12 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.accuracy import mass_norm
-from hhr_dolfinx.certify.compare import retraced
-from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ClaimError, HHRError, NotOfferedError
+from hhr_dolfinx.errors import ClaimError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.reduction.kinds import ROUND_OFF, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
-MOST_SURE = 4
-"""Answers with which a model is compared at most: one that claims too much is off nearly everywhere."""
-ROUND_OFF = 1e-6
-"""Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
-OF_STEPS = 1e-3
-"""The same for single answers of laws that remember: round-off may change the increments that lead to them."""
 LIGHT = 1e-2
 """Part of the largest answer in a norm below which relative bounds, which use a floor, are not compared."""
 BOUND = "bound"
@@ -31,7 +24,7 @@ ANSWERED = list[tuple[Answer, Answer | None, str]]
 """Answers of the full model, those of a model or None if it has none, and where."""
 
 
-def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
+def check_claim(name: str, kind: OfPoints, model: Any, known: SnapshotSet) -> None:
     """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
 
     Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness: forces of equivalent
@@ -40,17 +33,17 @@ def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> N
     Raises:
         ClaimError: if they differ by more than round-off, or an error exceeds its bound.
     """
+    pairs = list(kind.pairs(model, known))
     if model.fields.exact:
-        _check_exact(name, full, known, list(_pairs_of(full, model, known)))
+        _check_exact(name, kind.full, kind.round_off(known), pairs)
     else:
-        _check_bounds(name, full, list(_pairs_of(full, model, known)))
+        _check_bounds(name, kind.full, pairs)
 
 
-def _check_exact(name: str, full: FullModel, known: SnapshotSet, pairs: ANSWERED) -> None:
+def _check_exact(name: str, full: FullModel, limit: float, pairs: ANSWERED) -> None:
     problem = full.problem
     loads = [problem.contact.T @ exact.forces() for exact, _, _ in pairs]
     sizes = [mass_norm(problem, exact.displacement()) for exact, _, _ in pairs]
-    limit = ROUND_OFF if not full.law.remembers or known.histories else OF_STEPS
     for number, (exact, answer, label) in enumerate(pairs):
         off = np.inf
         if answer is not None:
@@ -131,22 +124,3 @@ def _part(off: float, sizes: Sequence[Any]) -> float:
     """Error over the largest of some vectors or norms."""
     largest = max(float(np.linalg.norm(size)) for size in sizes)
     return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)
-
-
-def _pairs_of(full: FullModel, model: Any, known: SnapshotSet) -> Iterator[tuple[Answer, Answer | None, str]]:
-    problem = full.problem
-    for number, history in enumerate(known.histories[:1]):
-        found: list[Any] = [None] * len(history.answers)
-        with suppress(HHRError):
-            found = retraced(model, history).answers
-        for here, exact in zip(found, history.answers, strict=True):
-            yield exact, here, f"t = {exact.time:g} s of history {number}"
-    count = 0 if known.histories else len(known.points)
-    for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
-        point = known.points[place]
-        unknown = problem.spread.whole(known.displacements[:, place])
-        parts = known.forces[:, place], known.active[:, place], 0, Status.CONVERGED, False, full
-        answer = None
-        with suppress(HHRError):
-            answer = model.solve(point, outside="ignore")
-        yield Answer(point, unknown, *parts), answer, problem.parameters.described(point)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy import linalg
@@ -18,25 +17,12 @@ from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Task
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.timing import Announce, StageLog
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Completion as CompletionOfLaws
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.reduced import ReducedLaws
-
 
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
-
-
-class FittedLaws(Protocol):
-    """Fields of bodies with laws in training, which a plug-in decomposed."""
-
-    def completion(self, laws: ReducedLaws) -> CompletionOfLaws:
-        """Completion of these fields from the places of the laws in one reduced model."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +31,9 @@ class Completion:
 
     forces: np.ndarray  # of training, (N_lambda, S)
     gap_scale: np.ndarray  # length scale of gaps, (N_lambda,)
-    laws: FittedLaws | None = None  # fields of bodies with laws in training; None for elastic bodies
 
     @classmethod
-    def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None = None) -> Completion:
+    def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
         """Data from training answers."""
         # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not the largest slack: if
         # contact never opens in training the slack is round-off, and relative to it all gaps would count as open
@@ -58,7 +43,7 @@ class Completion:
         for pair in np.unique(problem.contact_pairs):
             inside = problem.contact_pairs == pair
             scale[inside] = sizes[inside].max() or 1.0
-        return cls(snapshots.forces, scale, laws)
+        return cls(snapshots.forces, scale)
 
     @cached_property
     def rays(self) -> np.ndarray:
@@ -66,13 +51,7 @@ class Completion:
         return spanning_rays(self.forces, IN_THE_CONE)
 
     def reconstruction(
-        self,
-        problem: ContactProblem,
-        basis: np.ndarray,
-        sets: IndexSets,
-        flow: ReducedLaws | None = None,
-        *,
-        cone: bool = True,
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, *, cone: bool = True
     ) -> Reconstruction:
         """Fields of one reduced model; without the ``cone`` of (1.70) a bound completes forces.
 
@@ -88,7 +67,6 @@ class Completion:
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
             dimension=problem.block_size,
-            flow=None if flow is None or self.laws is None else self.laws.completion(flow),
         )
 
 
@@ -127,22 +105,20 @@ def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
         return math.inf
 
 
-def bound_of(
-    full: FullModel, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarray, log: StageLog, announce: Announce
-) -> Bounding:
+def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
     """Bounds for a recipe, with a basis, (own, ell); None if not requested or not proved, with a log entry."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
-    law = full.problem.law
-    if law.remembers:
-        why = f"contact with {law.name}: the error of reduced increments has no bound"
+    if why := task.kind.unbounded:
         return Bounding(None, basis, unbounded=why)
+    full, log, announce = task.full, task.log, task.announce
+    assert task.snapshots is not None  # checked
     try:
         with log.stage("bound", announce):
             for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
                 if registry.wants(given, full):
                     prove = registry.load(given.place)
-                    made: Bounding = prove(full, basis, snapshots.forces, cone=recipe.cone, announce=announce)
+                    made: Bounding = prove(full, basis, task.snapshots.forces, cone=recipe.cone, announce=announce)
                     return made
             raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:

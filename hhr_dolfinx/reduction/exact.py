@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -16,7 +15,8 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, made
+from hhr_dolfinx.reduction.kinds import kind_of
+from hhr_dolfinx.reduction.reductor import Reductor, Task
 
 STARTS = 64
 """Points whose statuses are solved in advance on S, without snapshots."""
@@ -42,25 +42,12 @@ class ExactCondensation(Reductor[Task]):
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
         """The model."""
         full = prepared.full
-        snapshots = prepared.snapshots
-        if snapshots is None or full.law.remembers:
-            known = _known_statuses(full)
-        else:
-            known = snapshots.known_statuses()
+        known = prepared.kind.statuses(prepared.snapshots, lambda: _known_statuses(full))
         return exact_condensation(full, known, field=self.field), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, None]:
         """Nothing: the driver compares the claim of exactness."""
         return None, None
-
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """One model."""
-
-        def make() -> Any:
-            search.announce("exact condensation", 0.0)
-            return made(ExactCondensation(search.target.needs_fields), Task(search.full, sure=0))
-
-        yield Proposal(self.method, "exact", make)
 
 
 def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -81,10 +68,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
     problem.require_parts("condensation")
     if floats and not rows.all_here:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
-    if full.equilibrium is not None:
-        raise SceneError(
-            f"bodies of scene '{full.scene.name}' have laws: their stiffness changes, and no condensation is exact"
-        )
+    kind_of(full).require_linear("no condensation is exact")
     if problem.varies:
         raise SceneError(
             f"the stiffness of scene '{full.scene.name}' depends on parameters, and no condensation is exact then: "
@@ -135,8 +119,6 @@ def _known_statuses(full: FullModel) -> KnownStatuses:
 
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    if problem.law.remembers:  # an increment starts from the one before
-        return nothing
     model = exact_condensation(full, nothing, field=False)
     points = Sobol(STARTS).points(problem.parameters)
     answers = (model.solve(point, start=None, raise_on_failure=False) for point in points)

@@ -278,27 +278,6 @@ class Enrich:
             raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
 
 
-@dataclass(frozen=True)
-class Tangents:
-    """Check of the projected tangents at training states of bodies with laws.
-
-    Attributes:
-        least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V. Of twenty recipes
-            for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below -0.2 left it at
-            some step, by up to 26 %, or failed.
-        states: training states of each history that are checked.
-    """
-
-    least: float = 0.1
-    states: int = 4
-
-    def __post_init__(self) -> None:
-        if not is_whole(self.states, 1):
-            raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
-        if not (isinstance(self.least, Real) and 0 <= self.least < 1):
-            raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
-
-
 class _Named(type):
     """Class with named recipes of plug-ins, such as that for a law of interfaces."""
 
@@ -320,7 +299,6 @@ class Recipe(metaclass=_Named):
         domain: the RID around them.
         enrichment: enrichment of the basis; None for none.
         trust: limits of the trust check; None leaves it out, to measure a model without it.
-        tangents: check of the tangents of bodies with laws; None for none.
         indicator: estimates the error of each answer instead of a bound; None for none.
         bound: whether answers have a bound of their error, if its hypotheses hold.
         cone: whether forces outside the RID are combinations of training forces, (1.70), even if a bound has S. With S
@@ -332,7 +310,6 @@ class Recipe(metaclass=_Named):
     domain: Rid = Rid()
     enrichment: Enrich | None = Enrich()
     trust: TrustLimits | None = TrustLimits()
-    tangents: Tangents | None = Tangents()
     indicator: Indicator | None = None
     bound: bool = True
     cone: bool = False
@@ -346,7 +323,7 @@ class Recipe(metaclass=_Named):
             _check_step(repr(step), step, "nodes")
         if self.indicator is not None:
             _check_step(f"indicator = {self.indicator!r}", self.indicator, "prepared")
-        optional = {"enrichment": Enrich | None, "trust": TrustLimits | None, "tangents": Tangents | None}
+        optional = {"enrichment": Enrich | None, "trust": TrustLimits | None}
         kinds: dict[str, Any] = {"domain": Rid, **optional, "bound": bool, "cone": bool}
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
@@ -359,13 +336,6 @@ class Recipe(metaclass=_Named):
         plain: dict[str, Any] = {"nodes": nodes, "domain": Rid(0, 0), "enrichment": Enrich(10.0), "cone": True}
         return cls(Pod(tolerance), **(plain | changes))
 
-    @classmethod
-    def of_paths(cls, **changes: Any) -> Recipe:
-        """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most contacts."""
-        nodes = Deim(), ForceDeim(1e-4), LoadNodes()
-        usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
-        return cls(**(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes))
-
     @property
     def by_rows(self) -> bool:
         """True if all of its steps can work on local rows."""
@@ -373,7 +343,7 @@ class Recipe(metaclass=_Named):
 
     def as_it_is(self) -> Recipe:
         """The same recipe without any check and without growth, to measure its result."""
-        return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))
+        return replace(self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers))
 
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; functions by their names."""

@@ -12,15 +12,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
-
-import numpy as np
+from functools import cached_property
+from typing import Any, ClassVar, Generic, TypeVar
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_points
-from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits
 from hhr_dolfinx.errors import (
     ConvergenceError,
     HHRError,
@@ -35,26 +32,17 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.reduction.claims import check_claim
-from hhr_dolfinx.reduction.interface import bodies_of
+from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.registry import Way
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.snapshots.store import ArrayStore
-
-
-MOST_TRAINING_COMPARED = 50
-"""Approximate number of training solutions that are compared if none were held out."""
 SURE = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
 MOST_FRESH = 16
 """Points at which a full answer is solved for at most: a box may have points without an equilibrium."""
-POINTS = (32, 64, 128, 256, 512)
-PATHS = (8, 16, 32)
-"""Training points and paths of the models that a search tries; each training has twice as many as the one before."""
 OF_SCENE = SceneWarning, SmallStrainWarning
 """Warnings of the scene, which survive an attempt that is refused: the returned model belongs to the same scene."""
 
@@ -73,6 +61,17 @@ class Task:
     announce: Announce = unannounced  # called with each stage and the share that is done; may raise to stop the build
     sure: int = SURE  # full answers solved for to compare a model that calls itself exact; 0 if the caller compares it
 
+    @cached_property
+    def kind(self) -> OfPoints:
+        """Kind of the answers."""
+        return kind_of(self.full)
+
+    def check_answers(self) -> None:
+        """Raise ReductionError for answers of another problem, or of other laws."""
+        self.kind.check("snapshots", self.snapshots)
+        if self.held_out is not None:
+            self.kind.check("held_out", self.held_out)
+
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[Facts]):
@@ -89,33 +88,6 @@ class Record(Generic[Facts]):
         if name.startswith("_") or name == "facts":
             raise AttributeError(name)
         return getattr(self.facts, name)
-
-
-class Search(Protocol):
-    """A search for a model, as reductors see it."""
-
-    full: FullModel
-    # its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no quantity can need the stress
-    target: Any
-    family: object  # paths, if answers depend on them; None if queries are points
-    held_out: Sequence[object]  # answers of checks so far
-    checked: SnapshotSet | None  # the same as a set; None before the first check
-    forces_off: bool  # contact forces of the last model were less accurate than the target
-    reads_displacements: bool  # the target, or an output of the scene, needs displacements
-    store: ArrayStore | None  # keeps solutions of connected components
-    announce: Announce  # reports a stage, and raises if the rest of it exceeds the budget
-    progress: Announce  # reports a stage
-    reduced: Callable[[Reductor, int], Any]  # makes the model of a reductor of about so many training answers
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A model that a search may try, and its row in the table."""
-
-    method: str
-    setting: str
-    make: Callable[[], Any]
-    spared: Callable[[], Any] | None = None  # makes one without bound, if the budget ends at fields or bound
 
 
 class Reductor(ABC, Generic[Prepared]):
@@ -174,12 +146,6 @@ class Reductor(ABC, Generic[Prepared]):
         """
         return 0.0
 
-    def proposals(self, search: Search) -> Iterator[Proposal]:
-        """Models that a search may try: by default of more and more answers."""
-        kind, counts = ("points", POINTS) if search.family is None else ("paths", PATHS)
-        for count in counts:
-            yield Proposal(self.method, f"{count} training {kind}", partial(search.reduced, self, count))
-
 
 @dataclass(eq=False)
 class Outcome:
@@ -226,7 +192,7 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
     """
     reductor.check(task)
     if not reductor.own_range and reductor.limits is not None and task.snapshots is not None:
-        warn_of_training(task.full, task.snapshots, task.held_out)
+        task.kind.warn_of_training(task.snapshots, task.held_out)
     if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
         task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
         full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
@@ -291,22 +257,10 @@ def compared(
 
     The training range of a model of load paths is known only after it has solved the known paths.
     """
-    full, snapshots, held_out = task.full, task.snapshots, task.held_out
-    if snapshots is None:
+    if task.snapshots is None:
         return None, model.trained
     with task.log.stage("validation", task.announce):
-        if model.equilibrium is not None:
-            return bodies_of(full).checked(full, model, snapshots, held_out, limits, remedy)
-        if model.law.remembers:
-            return compared_histories(full, model, snapshots, held_out, limits, remedy)[0], model.trained
-        if limits is None:
-            return None, model.trained
-        if held_out is None:
-            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
-            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
-        comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
-        check_comparison(comparison, limits, remedy)
-        return comparison, model.trained
+        return task.kind.compared(model, task.snapshots, task.held_out, limits, remedy)
 
 
 def _name_of(reductor: Any) -> str:
@@ -344,7 +298,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     elif known is None and task.sure:
         known = _fresh(full, task.sure)
     if known is not None:
-        check_claim(_name_of(reductor), full, model, known)
+        check_claim(_name_of(reductor), task.kind, model, known)
 
 
 def _fresh(full: FullModel, count: int) -> SnapshotSet:

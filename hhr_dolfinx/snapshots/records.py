@@ -7,10 +7,10 @@ reduced model is checked, are random, or near parameters with light contact.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
 from hhr_dolfinx.group import Group, group_of, share
 from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import PointsLike, has_names
-from hhr_dolfinx.warn import first_alone, warn
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -130,7 +130,6 @@ class SnapshotSet(Shown):
         active: statuses, (N_lambda, S) bool.
         states: memory of laws of bodies, one for each column; empty for elastic bodies.
         histories: histories whose steps are the columns; empty for answers at single parameters.
-        columns: numbers of the columns among all steps of the concatenated histories, increasing; None for all.
     """
 
     points: np.ndarray
@@ -139,7 +138,6 @@ class SnapshotSet(Shown):
     active: np.ndarray
     states: tuple[Memory, ...] = ()
     histories: tuple[History, ...] = ()
-    columns: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
         """Facts to show, see :class:`~hhr_dolfinx.models.shown.Shown`."""
@@ -193,16 +191,6 @@ class SnapshotSet(Shown):
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
-    def part(self, columns: np.ndarray) -> SnapshotSet:
-        """Select steps of the histories, by increasing numbers among all steps, to train a local model on.
-
-        Raises:
-            ReductionError: for answers at single parameters; use ``take`` for these.
-        """
-        if not self.histories or self.columns is not None:
-            raise ReductionError("parts are taken of whole histories: SnapshotSet.of_histories")
-        return replace(self.take(columns), histories=self.histories, columns=np.asarray(columns))
-
     def gathered(self, problem: ContactProblem) -> SnapshotSet:
         """Gather all rows on every rank, for answers of a problem with distributed rows. Collective."""
         if self.histories or problem.spread.all_here:
@@ -215,8 +203,6 @@ class SnapshotSet(Shown):
         Raises:
             ReductionError: for answers at single parameters with histories, or answers on another mesh.
         """
-        if self.columns is not None or others.columns is not None:
-            raise ReductionError("parts of histories cannot be joined: join whole ones, and take parts of them")
         if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(others.displacements):
             raise ReductionError(
                 f"{len(others.points)} answers cannot be joined to {len(self.points)} others: histories go with "
@@ -270,9 +256,8 @@ def compute_snapshots(
         ParameterError: if a point or a path is invalid.
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
     """
-    given: Any = queries
-    given = given if _are_paths(given) else full.parameters.points(given)
-    return _some(_Solver(full, progress, store, settings, lost).solved(given), lost, len(given))
+    given = queries_of(full.parameters, queries)
+    return _some(given.solved(Solver(full, progress, store, settings, lost)), lost, len(given))
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
@@ -293,89 +278,108 @@ def _are_paths(queries: object) -> bool:
         return True
 
 
-def asked_for(queries: Any) -> list[str | np.ndarray]:
-    """Words and values of queries, which must be the same on all ranks that share them."""
-    if not _are_paths(queries):
-        return [f"{len(queries)} points", np.array(queries, dtype=float)]
-    values = [item for path in queries for pair in path for item in pair]
-    numbers = (list(item.values()) if isinstance(item, Mapping) else item for item in values)
-    return [f"{len(queries)} paths", *(np.array(item, dtype=float) for item in numbers)]
+class Queries(Protocol):
+    """Queries of a full model: points, or paths, which a plug-in solves."""
+
+    def __len__(self) -> int:
+        """Number of queries."""
+
+    def asked(self) -> list[str | np.ndarray]:
+        """Words and values, which must be the same on all ranks that share them."""
+
+    def part(self, numbers: Sequence[int]) -> Queries:
+        """Select some of them."""
+
+    def solved(self, solver: Solver) -> SnapshotSet | None:
+        """Answers; None if none has an answer and the lost ones are recorded."""
+
+    def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
+        """Answers of all ranks; some have any."""
+
+
+def queries_of(space: ParameterSpace, queries: Any) -> Queries:
+    """Queries from points, (S, P) or with names, or from paths of times and parameters."""
+    if _are_paths(queries):
+        made: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
+        return made
+    return Points(space.points(queries))
 
 
 @dataclass(frozen=True)
-class _Solver:
+class Solver:
+    """A full model with what is done with its answers, see :func:`compute_snapshots`."""
+
     full: FullModel
     progress: Progress
     store: SnapshotStore | None
     settings: MarchSettings
     lost: Lost | None
 
-    def solved(self, queries: Any) -> SnapshotSet | None:
-        """Answers to the queries; None if none has an answer."""
-        full = self.full
-        full.group.agreed("snapshots", lambda: asked_for(queries))
-        if not _are_paths(queries):
-            full.problem.require_no_memory("a set of snapshots at single parameters")
-        with full.group.together("solving for snapshots"):
-            if not _are_paths(queries):
-                answers = list(self._answers(full.parameters.points(queries)))
-                return SnapshotSet.of_answers(answers, rows=full.spread) if answers else None
-            with told_once("histories"), first_alone():
-                histories = list(self._histories(queries))
-            return None if self.lost is not None and not histories else SnapshotSet.of_histories(histories)
+    def in_step(self, items: Iterable[Any]) -> Iterator[Any]:
+        """Items with the progress bar of the user, on all ranks together."""
+        return self.full.group.in_step(lambda: self.progress(items), PROGRESS)
 
-    def _recording(self, label: str) -> AbstractContextManager[None]:
+    def recording(self, label: str) -> AbstractContextManager[None]:
+        """A block that records the query ``label`` if it has no answer, or raises."""
         return nullcontext() if self.lost is None else self.lost.recorded(label)
 
-    def _answers(self, points: np.ndarray) -> Iterator[Answer]:
+
+@dataclass(frozen=True)
+class Points:
+    """Single parameters, (S, P), each solved from the statuses of the one before."""
+
+    values: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def asked(self) -> list[str | np.ndarray]:
+        """See :class:`Queries`."""
+        return [f"{len(self.values)} points", np.array(self.values, dtype=float)]
+
+    def part(self, numbers: Sequence[int]) -> Points:
+        """See :class:`Queries`."""
+        return Points(self.values[list(numbers)])
+
+    def solved(self, solver: Solver) -> SnapshotSet | None:
+        """See :class:`Queries`."""
+        full = solver.full
+        full.group.agreed("snapshots", self.asked)
+        full.problem.require_no_memory("a set of snapshots at single parameters")
+        with full.group.together("solving for snapshots"):
+            answers = list(self._answers(solver))
+            return SnapshotSet.of_answers(answers, rows=full.spread) if answers else None
+
+    def _answers(self, solver: Solver) -> Iterator[Answer]:
+        full = solver.full
+        store = solver.store
         start: str | np.ndarray = "nearest"
-        for point in self.full.group.in_step(lambda: self.progress(points), PROGRESS):
-            answer = self._stored(point)
+        for point in solver.in_step(self.values):
+            answer = None if store is None else _stored(full, store, point)
             if answer is None:
-                with self._recording(self.full.parameters.described(point)):
-                    answer = self.full.solve(point, start=start)
+                with solver.recording(full.parameters.described(point)):
+                    answer = full.solve(point, start=start)
                 if answer is None:
                     continue
-                if self.store is not None and self.full.group.number == 0:
-                    self.store.save(answer)
+                if store is not None and full.group.number == 0:
+                    store.save(answer)
             start = answer.active
             yield answer
             _log.debug("answer at %s: %d iterations", point, answer.iterations)
 
-    def _stored(self, point: np.ndarray) -> Answer | None:
-        """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
-        group = self.full.group
-        if self.store is None:
-            return None
-        if group.size == 1:
-            return self.store.load(point)
-        answer = None if group.number else self.store.read(point)
-        answer = group.from_first(None if answer is None else answer._replace(fields=NOWHERE))
-        return None if answer is None else self.store.judged(answer._replace(fields=self.full), aloud=group.number == 0)
+    def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
+        """See :class:`Queries`."""
+        return _concatenated([part for part in group.gathered(own) if part is not None])
 
-    def _histories(self, paths: Sequence[Path]) -> Iterator[History]:
-        parameters = self.full.parameters
-        for number, path in enumerate(self.full.group.in_step(lambda: self.progress(paths), PROGRESS), start=1):
-            _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
-            end = parameters.described(parameters.point(path[-1][1]))
-            history = None
-            with self._recording(getattr(path, "name", "") or f"a path that ends at {end}"):
-                history = self._history(path)
-            if history is not None:
-                yield history
 
-    def _history(self, path: Path) -> History:
-        """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
-        full = self.full
-        if self.store is None:
-            return full.march(path, self.settings)
-        kept = self.store.steps(path, self.settings)
-        if full.group.size == 1:
-            return kept.on_disk(full.march(path, self.settings, known=kept.load(), keep=kept.save))
-        first = full.group.number == 0
-        known = full.group.from_first([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
-        keep = kept.save if first else lambda answer: None
-        return full.march(path, self.settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
+def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer | None:
+    """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
+    group = full.group
+    if group.size == 1:
+        return store.load(point)
+    answer = None if group.number else store.read(point)
+    answer = group.from_first(None if answer is None else answer._replace(fields=NOWHERE))
+    return None if answer is None else store.judged(answer._replace(fields=full), aloud=group.number == 0)
 
 
 def spread_snapshots(
@@ -396,38 +400,29 @@ def spread_snapshots(
     group = group_of(comm)
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
-    group.agreed("a training", lambda: asked_for(queries))
-    queries = queries if _are_paths(queries) else full.parameters.points(queries)
+    given = queries_of(full.parameters, queries)
+    group.agreed("a training", given.asked)
     own: Any = None
     with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution
-        mine = share(len(queries), group.number, group.size)
+        mine = share(len(given), group.number, group.size)
         if mine:
-            own = _Solver(full, progress, store, settings, lost).solved([queries[k] for k in mine])
+            own = given.part(mine).solved(Solver(full, progress, store, settings, lost))
     if group.size == 1:
-        return _some(own, lost, len(queries))
+        return _some(own, lost, len(given))
     if lost is not None:
         lost.failures = [item for items in group.gathered(lost.failures) for item in items]
     if not any(group.gathered(own is not None)):
-        return _some(None, lost, len(queries))
-    if not _are_paths(queries):
-        return _concatenated([part for part in group.gathered(own) if part is not None])
-    # an answer refers to its model, which cannot be sent to another rank
-    sent = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
-    return SnapshotSet.of_histories(with_fields(item, full) for part in group.gathered(sent) for item in part)
+        return _some(None, lost, len(given))
+    return given.gathered(own, full, group)
 
 
 NOWHERE: Any = None
 """Fields of an answer that is sent to another rank."""
 
 
-def with_fields(history: History, fields: Any) -> History:
-    """History whose answers refer to other fields: those of an answer cannot be sent to another rank."""
-    return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
-
-
-def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> None:
-    """Raise ReductionError for invalid solutions, or those of another problem."""
+def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
+    """Return solutions; raise ReductionError for invalid ones, or those of another problem."""
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
     points = np.shape(solutions.points)
@@ -452,3 +447,4 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> N
                 f"{points[0]} points are needed; are they of another mesh, or rows of one rank, where "
                 "snapshots.gathered(problem) has all?"
             )
+    return solutions

@@ -10,7 +10,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, fields, is_dataclass, replace
+from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -25,15 +25,14 @@ from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
 from hhr_dolfinx.files import clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.memory import NO_MEMORY
-from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.answer import Path as History_path
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings, facet_of
-from hhr_dolfinx.models.histories.path import checked_path
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import facet_of
 from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.parameters import ParameterSpace
 
 
 def add_to(digest: Any, parts: list[Any]) -> None:
@@ -71,9 +70,6 @@ def parts_of(item: Any) -> list[Any]:
 
 FORMAT = "hhr_dolfinx snapshot"
 VERSION = 6
-ARRAYS = ("hhr_dolfinx arrays", 1)
-"""Format and version of the files of an :class:`ArrayStore`."""
-
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
     "multipliers": ("float", "N_lambda"),
@@ -153,6 +149,7 @@ class SnapshotStore:
     Attributes:
         folder: folder of the files.
         found: number of queries whose answer was in the store.
+        laws: laws of the bodies, as files keep them.
 
     Raises:
         FileError: if the folder cannot be made.
@@ -161,31 +158,31 @@ class SnapshotStore:
     def __init__(self, folder: str | Path, full: FullModel):
         self._full = full
         self._problem = full.problem
-        self._laws = stored_laws(full)
+        self.laws = stored_laws(full)
         self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
         self.folder = make_folder(folder)
         clear_leftovers(self.folder)
         conditions, dofs = self._problem.contact.shape
         self._law = self._problem.law
-        self._sizes = {"N": dofs, "N_lambda": conditions, **self._law.sizes, **self._laws.sizes}
+        self._sizes = {"N": dofs, "N_lambda": conditions, **self._law.sizes, **self.laws.sizes}
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
         """Load the answer at a parameter; None, with a warning for a damaged file, if it is not there."""
         point = np.array(point, dtype=float, ndmin=1)
-        return self._load(point, self._query_at(point))
+        return self.load_query(point, self.query_at(point))
 
     def read(self, point: np.ndarray) -> Answer | None:
         """Read the answer at a parameter as :meth:`load`, without a check of its residual."""
         point = np.array(point, dtype=float, ndmin=1)
-        query = self._query_at(point)
+        query = self.query_at(point)
         with self._damage_reported(point, query):
             return self._read(point, query)
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
         """The given answer if it is a solution, else None, with a warning if ``aloud``. Collective."""
-        query = self._query_at(answer.parameter)
+        query = self.query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
             self._judge(answer, query)
             return answer
@@ -193,24 +190,25 @@ class SnapshotStore:
 
     def save(self, answer: Answer) -> None:
         """Store the answer at a parameter; FileError if its file cannot be written."""
-        self._save(answer, self._query_at(answer.parameter))
+        self.save_query(answer, self.query_at(answer.parameter))
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Parameters of the problem."""
+        return self._problem.parameters
 
     @property
     def problem_digest(self) -> str:
         """Hexadecimal fingerprint of the problem of these answers."""
         return self._fingerprint.hex()
 
-    def steps(self, path: History_path, settings: MarchSettings) -> KeptSteps:
-        """Stored steps of a history."""
-        return KeptSteps(self, checked_path(self._problem.parameters, path), settings)
-
-    def _query_at(self, point: np.ndarray) -> list[Any]:
+    def query_at(self, point: np.ndarray) -> list[Any]:
         """Query of a point: its values, and those of non-affine amplitudes and of laws with formulas there."""
         driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
         numbers = [float(item) for pair in driven for part in pair for item in part]
-        return [*point.tolist(), *numbers, *self._laws.query(point)]
+        return [*point.tolist(), *numbers, *self.laws.query(point)]
 
-    def _load(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
+    def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
         """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`; None if it is not there."""
         with self._damage_reported(point, query):
             answer = self._read(point, query)
@@ -242,14 +240,15 @@ class SnapshotStore:
 
     def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
         """Raise FileContentError for an answer that is no solution, in spite of its checksum; count solutions."""
-        worst = self._laws.residual(answer, forces)
+        worst = self.laws.residual(answer, forces)
         if not worst <= SOLVED:
             raise FileContentError(f"{self._path(query)} holds no solution, residuals of {worst:.1g}")
         self.found += 1
 
-    def _save(self, answer: Answer, query: list) -> None:
+    def save_query(self, answer: Answer, query: list) -> None:
+        """Store the answer to a query; FileError if its file cannot be written."""
         values = {name: getattr(answer, name) for name in _LAYOUT}
-        values |= self._laws.arrays(answer)
+        values |= self.laws.arrays(answer)
         values |= self._law.stored(answer.memory)
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
         if np.isnan(answer.time_error):  # without a tolerance there is none; files hold finite numbers
@@ -260,11 +259,11 @@ class SnapshotStore:
         write_arrays(self._path(query), self._header(query), arrays, tidy=False)
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
-        layout = _LAYOUT | dict(self._laws.layout) | (_PARTS if self._laws.layout else {})
-        return layout | _PARTS | self._law.layout if self._law.remembers else layout
+        remembered = {**self.laws.layout, **self._law.layout}
+        return _LAYOUT | remembered | (_PARTS if remembered else {})
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        memory = NO_MEMORY | self._laws.memory(arrays) | self._law.restored(arrays)
+        memory = NO_MEMORY | self.laws.memory(arrays) | self._law.restored(arrays)
         iterations = 0
         steps: dict[str, Any] = {}
         if "ends" in arrays:
@@ -278,90 +277,12 @@ class SnapshotStore:
     def _header(self, query: list) -> dict:
         return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
 
-    def _digest(self, query: list) -> str:
+    def digest(self, query: list) -> str:
+        """Hexadecimal digest of the problem and a query, the name of its file."""
         return hashlib.sha256(self._fingerprint + repr(query).encode()).hexdigest()[:40]
 
     def _path(self, query: list) -> Path:
-        return self.folder / f"{self._digest(query)}.npz"
-
-
-class ArrayStore:
-    """Arrays of long computations by name, one file per key; FileError if the folder cannot be made.
-
-    ``problem`` is the digest of the problem that they belong to, as :attr:`SnapshotStore.problem_digest`: files of
-    other problems are not read.
-    """
-
-    def __init__(self, folder: str | Path, problem: str):
-        self._folder = make_folder(folder)
-        clear_leftovers(self._folder)
-        self._problem = problem
-
-    def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Load the arrays of a key; None, with a warning for a damaged file, if they are not there."""
-        try:
-            header, arrays = read_arrays(self._path(key), *ARRAYS)
-        except FileNotFoundError:
-            return None
-        except FileContentError as error:
-            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning)
-            return None
-        return arrays if header == self._header(key) else None
-
-    def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
-        write_arrays(self._path(key), self._header(key), arrays, tidy=False)
-
-    def _header(self, key: str) -> dict[str, str | int]:
-        kind, version = ARRAYS
-        return {"format": kind, "version": version, "problem": self._problem, "key": key}
-
-    def _path(self, key: str) -> Path:
-        return self._folder / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
-
-
-class KeptSteps:
-    """Stored steps of one history along a checked path, solved with some settings."""
-
-    def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
-        self._store = store
-        self._path = path
-        how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
-        query = [item if item is None or isinstance(item, str) else float(item) for item in how]
-        self._queries: list[list] = []
-        for time, point in path:
-            # each query has the digest of the one before: with the whole path in each, files would grow along it
-            query = [store._digest(query), time, *store._query_at(point)]
-            self._queries.append(query)
-        self._count = 0
-
-    def load(self) -> list[Answer]:
-        """Load the answers of the first steps, up to the first one that is missing."""
-        answers = []
-        forces = 0.0
-        laws = self._store._laws
-        for (time, point), query in zip(self._path[1:], self._queries[1:], strict=True):
-            answer = self._store._load(point, query, forces)
-            if answer is None:
-                break
-            answers.append(answer._replace(time=time))
-            forces = max(forces, laws.size(answer))
-        self._count = len(answers)
-        return answers
-
-    def on_disk(self, history: History) -> History:
-        """The history, all of whose steps are stored; large ones are mapped from disk, which frees their memory."""
-        if not history.answers or not self._store._laws.is_large(history.answers[-1]):
-            return history
-        found = self._store.found
-        answers = self.load()
-        self._store.found = found
-        return replace(history, answers=answers) if len(answers) == len(history.answers) else history
-
-    def save(self, answer: Answer) -> None:
-        """Store the next step; FileError if its file cannot be written."""
-        self._count += 1
-        self._store._save(answer, self._queries[self._count])
+        return self.folder / f"{self.digest(query)}.npz"
 
 
 def _digest_of(full: FullModel) -> bytes:

@@ -7,6 +7,7 @@ from mpi4py import MPI
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.scene import Scene
 
@@ -37,18 +38,13 @@ def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: 
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
-    # with memory a point takes dozens of increments, and the full model warns
-    return model if full.law.remembers else full.strains.corners(full, model)
+    return kind_of(full).with_corners(model)
 
 
 def condensed(full: FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:
     """See :func:`condense`; without the check of strains."""
     full.problem.require_parts("condensation")
-    if full.equilibrium is not None:
-        raise ReductionError(
-            f"bodies of scene '{full.scene.name}' have laws: a condensation of these is made of histories, "
-            "hhr.train(scene, paths).condense()"
-        )
+    kind_of(full).require_linear("a condensation of these is made of histories, hhr.train(scene, paths).condense()")
     if fields is None:
         fields = full.functionals is not None and any(item.count for item in full.functionals.items)
     if not isinstance(fields, bool):

@@ -11,8 +11,6 @@ from needs import needs
 from scenes import THESIS, largest_difference, slope, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify import constants
-from hhr_dolfinx.certify.constants import FullConstants
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.gmsh_model import entities_of, mesh_of
 from hhr_dolfinx.geometries.hertz_half_discs import half_discs
@@ -80,7 +78,7 @@ def bolted(pairing, size, young=200.0):
 FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
 
 
-@needs("differences")
+@needs("differences", "theorems")
 @pytest.mark.parametrize("pairing", PAIRINGS)
 @pytest.mark.parametrize("mesh", ["coarse", FINE])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
@@ -95,6 +93,8 @@ def test_models_of_a_free_mesh(pairing, mesh):
     full = training.full_order
     assert conditions[0] <= full.conditions <= conditions[1]
     rows = full.problem.contact[full.problem.distinct].toarray()
+    from hhr_dolfinx.plugins.theorems.full_constants import FullConstants
+
     # the root of an eigenvalue of B B^T, whose round-off is that of the square
     beta = FullConstants.of(full).euclidean
     assert beta == pytest.approx(np.linalg.svd(rows, compute_uv=False)[-1], rel=1e-10)
@@ -106,8 +106,11 @@ def test_models_of_a_free_mesh(pairing, mesh):
         assert largest_difference(condensed.solve(point).forces(), exact.forces()) < 1e-10
 
 
+@needs("theorems")
 def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, monkeypatch, caplog):
     """Without beta_h a model is built that answers alike, and its report has no number there."""
+    from hhr_dolfinx.plugins.theorems import full_constants as constants
+
     monkeypatch.setattr(constants, "_KNOWN", {})
     monkeypatch.setattr(constants, "DENSE", 0)
     monkeypatch.setattr(constants, "extreme_eigenvalue", lambda prepared: None)

@@ -185,10 +185,10 @@ UNNEEDED = {
     "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }  # fmt: skip
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
-OF_BOTH = {"checks", "differences", "small_strains", "studies"}
+OF_BOTH = {"checks", "differences", "small_strains", "studies", "theorems"}
 PLUGINS = {
     "elastic": OF_BOTH | {"baselines"},
-    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "programs", "volume_loads"},
+    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},
 }
 """All plug-ins of which such a study loads more than the manifest."""
 

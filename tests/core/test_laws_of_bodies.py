@@ -14,7 +14,6 @@ from test_registry import Entry
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.models.answer import Answer, History
@@ -155,7 +154,6 @@ def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
     asked = {
         "store": lambda: hhr.SnapshotStore(tmp_path, full),
         "reduction": lambda: usual_recipe(full),
-        "comparison": lambda: residuals_of(full, answer),
     }
     if present("studies"):
         from hhr_dolfinx.plugins.studies.of_laws import study_of

@@ -6,6 +6,7 @@ import math
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from needs import needs
 from scenes import THESIS
 from scipy import linalg
 
@@ -38,6 +39,7 @@ def test_singular_values_of_a_matrix_that_is_not_symmetric():
     assert singular_range(matrix) == pytest.approx((values[-1], values[0]), rel=1e-13)
 
 
+@needs("theorems")
 def test_constants_of_the_half_discs(hertz, hertz_reduction):
     """B is nodal, so kappa(B) = 1 and beta_h = sqrt(2); with all its constants positive the model is solvable."""
     stability = hertz_reduction.offline.stability
@@ -51,6 +53,7 @@ def test_constants_of_the_half_discs(hertz, hertz_reduction):
     assert stability.euclidean.beta_HR >= stability.euclidean.beta_HR_2
 
 
+@needs("theorems")
 def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
     """beta_h^2 is the smallest eigenvalue of B K^-1 B^T in the L2 norm of the pressure: checked densely."""
     problem = hertz.problem
@@ -62,6 +65,7 @@ def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
     assert hertz_reduction.offline.stability.energy.beta_h == pytest.approx(math.sqrt(smallest), rel=1e-8)
 
 
+@needs("theorems")
 def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
     """beta scales with sqrt(1/E) in the energy norm; in the Euclidean norm it does not depend on E."""
     scene = demo.scene()

@@ -262,7 +262,6 @@ def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse,
         ({"warn_kappa_B": True}, "warn_kappa_B = True"),
         ({"refuse_primal": 0.01}, "warn_primal = 0.02 .* beyond refuse_primal = 0.01: .* smaller"),
         ({"warn_cond_K": 1e8}, "warn_cond_K = 1e[+]08 .* refuse_cond_K = 1e[+]07"),
-        ({"warn_stress": 0.5, "refuse_stress": 0.3}, "warn_stress = 0.5 of TrustLimits lies beyond"),
     ],
 )
 def test_limits_that_mean_nothing(given, said):

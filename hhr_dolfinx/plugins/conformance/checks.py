@@ -16,7 +16,6 @@ from scipy.sparse import csc_matrix, hstack
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
-from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import ClaimError, FileContentError, HHRError, NotOfferedError, PairingWarning
@@ -35,6 +34,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.conformance.draft import Between
 from hhr_dolfinx.plugins.conformance.in_c import compilable, in_c
 from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.recipe import Pod, Recipe, Zone
 from hhr_dolfinx.scene import Displacement, Opening, Scene
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
@@ -338,7 +338,7 @@ def check_contact_law(law: Any) -> None:
     _check_rows(full, law.plugin)
     exact = full.march(path).answers
     for (time, _), answer in zip(path[1:], exact, strict=True):
-        residuals = residuals_of(full, answer)
+        residuals = kind_of(full).residuals(answer)
         _require(residuals.equilibrium <= ROUND_OFF and answer.time == time, "equilibrium", residuals.equilibrium)
         kept = own.stored(answer.memory)
         again = own.stored(own.restored({name: np.asarray(value) for name, value in kept.items()}))

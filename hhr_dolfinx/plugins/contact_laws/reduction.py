@@ -1,19 +1,40 @@
-"""Laws of contacts in hyper-reduced models: by ranges, or by their own increments."""
+"""Reduction of contacts with laws: kinds of answers, of points if no law remembers, and laws outside the RID."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from hhr_dolfinx import registry
+from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import InterfaceCompletion
 from hhr_dolfinx.models.histories.steps import steps_of
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, ranged
+from hhr_dolfinx.plugins.paths.kinds import OfHistories
+from hhr_dolfinx.reduction.build import Draft
+from hhr_dolfinx.reduction.kinds import OfPoints
+from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid
+from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+
+OF_STEPS = 1e-3
+"""Relative error up to which single answers of laws that remember may be off of exact ones: round-off may change the
+increments that lead to them."""
+
+
+def of_paths(**changes: Any) -> Recipe:
+    """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most contacts."""
+    nodes = Deim(), ForceDeim(1e-4), LoadNodes()
+    usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
+    return Recipe(**(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes))
 
 
 def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompletion]]:
@@ -37,3 +58,62 @@ def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompl
     for part in found.ranges:
         part.solver()
     return found, complete
+
+
+def complete_contacts(draft: Draft) -> None:
+    """Stage of the hyper-reduction: forces and memories of laws of contacts outside the RID."""
+    shared = draft.shared
+    law, complete = completed(shared.full)
+    fitted = complete(shared.full.problem, law, draft.sets.A_lambda, shared.snapshots.forces)
+    draft.fields = replace(draft.fields, interface=fitted)
+
+
+class OfContactLaws(OfPoints):
+    """Answers of contacts whose laws remember nothing: they belong to points, and forces may have any sign."""
+
+    cone = False
+
+    def recipes(self) -> tuple[Recipe, ...]:
+        """With more functions of contact nodes where contact alone holds a body, whose modes lack its motions."""
+        return of_paths(), of_paths(enrichment=Enrich(2.0))
+
+    def not_by_rows(self) -> str:
+        """Fits of forces take all rows."""
+        return f"contact with {self.full.law.name}"
+
+    def check(self, name: str, solutions: object) -> SnapshotSet:
+        """Refuse laws that hyper-reduced models cannot complete, too."""
+        completed(self.full)
+        return super().check(name, solutions)
+
+
+class OfPaths(OfHistories, OfContactLaws):
+    """Answers of elastic bodies with laws of contacts that remember."""
+
+    @property
+    def unbounded(self) -> str:
+        """Errors add up along a path."""
+        return f"contact with {self.full.law.name}: the error of reduced increments has no bound"
+
+    def skipped(self, recipe: Recipe) -> Iterator[tuple[str, str]]:
+        """None: forces are indicated in any case."""
+        yield from ()
+
+    def condensed_from(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> tuple[None, None, bool]:
+        """No answers: an increment starts from the one before. Outputs of displacements take fields."""
+        outputs = self.full.functionals
+        return None, None, outputs is not None and any(item.count for item in outputs.items)
+
+    def statuses(self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]) -> KnownStatuses:
+        """None."""
+        problem = self.full.problem
+        return KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+
+    def round_off(self, known: SnapshotSet) -> float:
+        """More for single answers."""
+        return super().round_off(known) if known.histories else OF_STEPS
+
+
+def kind_of_contacts(full: FullModel) -> OfPoints:
+    """Tool ``reduction``: the kind of the answers of elastic bodies with laws of contacts."""
+    return OfPaths(full) if full.law.remembers else OfContactLaws(full)

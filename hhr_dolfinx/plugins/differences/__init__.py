@@ -32,7 +32,7 @@ def _calibrated(full: FullModel, recipe: Recipe) -> bool:
 
 PLUGIN = Plugin(
     name="differences",
-    optional=("contact_laws", "floating"),
+    optional=("contact_laws", "floating", "paths"),
     classes={
         f"{_HERE}.difference": "ExactDifference",
         f"{_HERE}.field_response": "FieldResponse",

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import retraced
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.paths.compared import retraced
 from hhr_dolfinx.reduction.build import Draft
-from hhr_dolfinx.reduction.reductor import MOST_TRAINING_COMPARED
+from hhr_dolfinx.reduction.kinds import MOST_TRAINING_COMPARED
 from hhr_dolfinx.timing import StageLog
 
 CALIBRATED = 0.95

@@ -22,7 +22,7 @@ def _wanted(full: FullModel, recipe: object) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    needs=("contact_laws",),
+    needs=("contact_laws", "paths"),
     optional=("floating", "inelastic", "pages"),
     public={f"{_HERE}.pair_laws": "Coulomb Tresca", **_OUTPUTS},
     parts={"outputs": _OUTPUTS},

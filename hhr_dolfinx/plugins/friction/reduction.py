@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hhr_dolfinx.contact.problem import DEPENDENT
 from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.plugins.contact_laws.reduction import of_paths
 from hhr_dolfinx.reduction.build import Draft
-from hhr_dolfinx.reduction.recipe import Recipe
 
-with_friction = Recipe.of_paths
+with_friction = of_paths
 
 
 def check_forces(draft: Draft) -> None:

@@ -17,21 +17,18 @@ _LAWS = (
     "Arrhenius Chaboche ChangingStiffness DruckerPrager Heated Hill Lemaitre Norton Orthotropic Plasticity "
     "PlasticityWithCreep PrimaryCreep TabulatedHardening Voce"
 )
+_STEPS = "FlowDeim FlowLimits StressDeim Tangents"
 
 
 def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
     return full.equilibrium is not None and full.equilibrium.reader == _OURS
 
 
-def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
-    return _wanted(full) and recipe.tangents is not None
-
-
 PLUGIN = Plugin(
     name=_OURS,
-    needs=("elasticity", "small_strains", "programs"),
-    optional=("studies",),
-    public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": "FlowDeim StressDeim"},
+    needs=("elasticity", "small_strains", "programs", "paths"),
+    optional=("one_call", "studies"),
+    public={f"{_HERE}.laws": _LAWS, f"{_HERE}.law": "Law", f"{_HERE}.recipe": _STEPS},
     parts={
         "laws": {name: f"{_HERE}.laws:{name}" for name in _LAWS.split()},
         "checks": {"check_law": f"{_HERE}.testing:check_law"},
@@ -52,7 +49,8 @@ PLUGIN = Plugin(
     reductors={"plastic_correction": Way(f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True)},
     stages=(
         Stage(f"{_HERE}.project:project_points", f"{_BUILD}:project_problem", _wanted),
-        Stage(f"{_HERE}.project:check_tangents", f"{_BUILD}:assemble", _with_tangents),
+        Stage(f"{_HERE}.project:complete_flow", f"{_BUILD}:reconstruct", _wanted),
+        Stage(f"{_HERE}.project:check_tangents", f"{_BUILD}:assemble", _wanted),
     ),
     materials=("statement",),
     memory=("gauss", "time_errors"),
@@ -61,8 +59,7 @@ PLUGIN = Plugin(
         "scene": f"{_HERE}.constants:SCENES",
         "full_order": f"{_HERE}.full_order:bodies_of",
         "store": f"{_HERE}.store:StoredGauss",
-        "comparison": f"{_HERE}.reduction:COMPARISON",
-        "reduction": f"{_HERE}.reduction:REDUCTION",
+        "reduction": f"{_HERE}.reduction:OfInelasticBodies",
         "file": f"{_HERE}.state:check_answer",
         "study": f"{_HERE}.study:STUDY",
     },

@@ -11,14 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
+from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import (
     ConvergenceError,
@@ -38,14 +38,19 @@ from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, Condense
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
+from hhr_dolfinx.reduction.reductor import Reductor, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
+    from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
 ROWS = 1500
 """Most integrals for the fit of a cubature, before compression."""
@@ -225,7 +230,7 @@ class CorrectionSettings(Reductor["_Shared"]):
     stress: float = 0.02
     plastic: float = 0.05
     trust: TrustLimits | None = field(
-        default_factory=lambda: TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+        default_factory=lambda: FlowLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
     )
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
@@ -275,7 +280,7 @@ class CorrectionSettings(Reductor["_Shared"]):
                 "the hyper-reduced model, training.build()"
             )
         check_of_problem("snapshots", snapshots, full.problem)
-        if snapshots is None or not snapshots.histories or snapshots.columns is not None:
+        if snapshots is None or not snapshots.histories:
             raise ReductionError(
                 "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
             )
@@ -289,7 +294,7 @@ class CorrectionSettings(Reductor["_Shared"]):
         snapshots = task.snapshots
         assert snapshots is not None  # checked
         if self.trust is not None:
-            warn_of_training(full, snapshots, task.held_out)
+            task.kind.warn_of_training(snapshots, task.held_out)
         with task.log.stage("elastic", task.announce):
             elastic = elastic_response(full) if before is None else before.elastic
         with task.log.stage("corrections", task.announce):
@@ -342,16 +347,20 @@ class CorrectionSettings(Reductor["_Shared"]):
         """Largest error over its target."""
         if comparison is None:
             return 0.0
-        wanted = {name: getattr(self, name) for name in ("primal", "dual", "stress", "plastic")}
-        return float(max(getattr(comparison, name).max() / wish for name, wish in wanted.items()))
+        further = comparison.further
+        pairs = [(comparison.primal, self.primal), (comparison.dual, self.dual)]
+        pairs += [(further[STRESS_ERROR], self.stress), (further[PLASTIC_ERROR], self.plastic)]
+        return float(max(errors.max() / wish for errors, wish in pairs))
 
-    def proposals(self, search: Search) -> Iterator[Proposal]:
+    def proposals(self, search: SearchContext) -> Iterator[Proposal]:
         """Of more and more histories, with targets of the search."""
+        from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
+
         tolerance = search.target.error / 2  # a margin for errors that the check does not see
         own = replace(self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6)
         if search.target.elastic:  # else an output may need the stress, which must be refined further
             own = replace(own, stress=math.inf, plastic=math.inf)
-        return super(CorrectionSettings, own).proposals(search)
+        return of_more_answers(own, search)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.recipe import tangents_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
 from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.reduction.build import Draft
@@ -29,19 +31,28 @@ def project_points(draft: Draft) -> None:
     """Gauss points of the RID."""
     shared = draft.shared
     with shared.log.stage("projection", shared.task.announce):
-        draft.flow = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
+        draft.parts["flow"] = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
+
+
+def complete_flow(draft: Draft) -> None:
+    """Completion of stress and plastic strain; the fields of training are decomposed once for all attempts."""
+    shared = draft.shared
+    with shared.log.stage("reconstruction", shared.task.announce):
+        fitted = shared.once("fields of laws", lambda: FittedFlow.of(shared.snapshots))
+        draft.fields = replace(draft.fields, flow=fitted.completion(draft.parts["flow"]))
 
 
 def check_tangents(draft: Draft) -> None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic.
+    """Smallest tangent margin at training states, if requested; 1, that of the elastic operator, if all are elastic.
 
     Raises:
         UnstableModelError: if it is too small.
     """
     shared = draft.shared
     full = equilibrium_of(shared.full)
-    step = shared.recipe.tangents
-    assert step is not None
+    step = tangents_of(shared.recipe)
+    if step is None:
+        return
     with shared.log.stage("training_tangents", shared.task.announce):
         states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
     with shared.log.stage("stability", shared.task.announce):
@@ -51,7 +62,7 @@ def check_tangents(draft: Draft) -> None:
                 f"with {draft.layers} layers a projected tangent at a training state has an eigenvalue of real part "
                 f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
             )
-        draft.tangent_margin = margin
+        draft.further["tangent"] = margin
 
 
 def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
@@ -82,20 +93,12 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     )
 
 
-def _steps_of_histories(snapshots: SnapshotSet) -> list[np.ndarray]:
-    """Numbers, from 0, of the steps of each history that are columns."""
-    ends = np.cumsum([0, *(len(history.answers) for history in snapshots.histories)])
-    columns = np.arange(ends[-1]) if snapshots.columns is None else snapshots.columns
-    return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
-
-
 def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness at some training states of each history, the last among them, with their constants."""
     states: list[tuple[Any, csr_matrix]] = []
-    histories = zip(snapshots.histories, _steps_of_histories(snapshots), strict=True)
-    for history, known in histories if full.material.flows else ():
-        places = np.unique(np.linspace(0, len(known), count + 1).astype(int)[1:])
-        for step in known[places[places > 0] - 1]:
+    for history in snapshots.histories if full.material.flows else ():
+        places = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
+        for step in places[places > 0] - 1:
             here = history.answers[step]
             time = history.start
             state = full.material.at_rest()

@@ -1,28 +1,32 @@
-"""Reduction of inelastic bodies and its check: the facets ``reduction`` and ``comparison``."""
+"""Reduction of inelastic bodies and its check: the facet ``reduction``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import Residuals, Solutions, contact_residuals, slack_residuals
+from hhr_dolfinx import registry
+from hhr_dolfinx.certify.accuracy import Residuals, slack_residuals
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import OF_A_RID, TRAINED, TrustLimits, compared_histories
-from hhr_dolfinx.errors import HHRError, ReductionError, StabilityWarning, TrainingWarning
+from hhr_dolfinx.certify.trust import TrustLimits, warn_of_few_held_out, warn_of_no_contact
+from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
-from hhr_dolfinx.plugins.inelastic.recipe import flowing
+from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits, flowing, tangents_of
 from hhr_dolfinx.plugins.inelastic.softening import warn_of_softening
 from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, rows_of, state, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
+from hhr_dolfinx.plugins.paths.compared import TRAINED, compared_histories
+from hhr_dolfinx.plugins.paths.kinds import OfHistories
+from hhr_dolfinx.reduction.kinds import OfPoints
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.warn import warn
 
 STRESS = 1e-9
@@ -35,55 +39,26 @@ PARTS = 8
 estimates up to nine times those of the training steps."""
 
 
-def _state_errors(found: History, exact: History) -> tuple[float, float]:
+class StateErrors:
     """Largest errors of stress and cumulated plastic strain everywhere over their largest norm in the load path."""
-    wrong = np.zeros((2, len(exact.answers)))
-    sizes = np.zeros((2, len(exact.answers)))
-    for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
-        stress = there.stress()
-        plastic = there.plastic_strain()
-        wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
-        sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
-    largest = sizes.max(axis=1)
-    stress, plastic = wrong.max(axis=1) / np.where(largest > 0, largest, 1.0)
-    return float(stress), float(plastic)
+
+    names = STRESS_ERROR, PLASTIC_ERROR
+
+    def __call__(self, found: History, exact: History) -> tuple[float, float]:
+        """Both errors of a history."""
+        wrong = np.zeros((2, len(exact.answers)))
+        sizes = np.zeros((2, len(exact.answers)))
+        for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
+            stress = there.stress()
+            plastic = there.plastic_strain()
+            wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
+            sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
+        largest = sizes.max(axis=1)
+        stress, plastic = wrong.max(axis=1) / np.where(largest > 0, largest, 1.0)
+        return float(stress), float(plastic)
 
 
-def checked_histories(
-    full: FullModel,
-    model: Model,
-    snapshots: Solutions,
-    held_out: Solutions | None,
-    limits: TrustLimits | None,
-    remedy: str | Mapping[str, str] = OF_A_RID,
-) -> tuple[Comparison | None, TrainedPaths | None]:
-    """Errors against known load paths, and the training range; None without limits, or without any path.
-
-    Raises:
-        UnstableModelError: for errors beyond the limits.
-
-    Warns:
-        StabilityWarning: for errors or a training range close to a limit, and for laws that soften in training.
-    """
-    warn_of_softening(full, snapshots)
-    comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
-    # validation paths are not training: their errors would widen the training range to similar ones
-    signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
-    if not signs:  # without limits all paths may have failed
-        return None, None
-    paths = [history.path for history in snapshots.histories]
-    problem = full.problem
-    gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    motion = problem.contact_rows_times(snapshots.displacements)
-    largest = max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
-    known = Known(signs, [_onset(model, path) for path in paths], largest)
-    trained = TrainedPaths.of(paths, full.parameters, known, equilibrium_of(full).material.rated)
-    if limits is not None:
-        check_door(trained, limits)
-    return comparison, trained
-
-
-def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
+def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
     """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained states."""
     if trained.estimate > limits.warn_estimate:
         warn(
@@ -134,58 +109,129 @@ class FittedFlow:
         return FlowFields(points, stress, flowed, len(self.stress) // components)
 
 
-class _Comparison:
-    """Facet ``comparison``, see :class:`hhr_dolfinx.certify.compare.ComparedLaws`."""
+class OfInelasticBodies(OfHistories):
+    """Answers of inelastic bodies, and of elastic ones beside them; their contacts are unilateral or have laws."""
 
-    errors = staticmethod(_state_errors)
+    def __init__(self, full: FullModel):
+        super().__init__(full)
+        contacts = registry.tool("reduction", "a reduced model") if full.law.plugin else OfPoints
+        self.contacts: OfPoints = contacts(full)
+        self.cone = self.contacts.cone
 
-    def residuals(self, full: FullModel, answer: Answer) -> Residuals:
-        """Residuals of the whole stress of an answer; of displacements alone by K, as those of rivals may be."""
-        problem = full.problem
-        equilibrium = equilibrium_of(full)
-        theta = problem.amplitudes(answer.parameter)
-        forces = answer.forces()
-        opened = problem.law.opened(answer.memory)
-        if "gauss" not in answer.memory:
-            return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta, opened)
-        given = GaussState(answer.stress(), state(answer).state)
-        left, sizes = equilibrium.residual(answer.unknown, given, theta)
-        residual = (left - equilibrium.contact_load(forces)) * problem.free
-        imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
-        homogeneous = answer.displacement() - problem.lifts @ theta
-        return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
+    def recipes(self) -> tuple[Recipe, ...]:
+        """The usual recipe."""
+        return (flowing(),)
 
-    def warn_of_training(self, full: FullModel, snapshots: Solutions) -> None:
-        """Warn of histories without plastic strain."""
-        material = equilibrium_of(full).material
+    def not_by_rows(self) -> str:
+        """As their contacts say."""
+        return self.contacts.not_by_rows()
+
+    @property
+    def unbounded(self) -> str:
+        """As their contacts say."""
+        return self.contacts.unbounded
+
+    def require_linear(self, what: str) -> None:
+        """Raise ReductionError."""
+        raise ReductionError(f"bodies of scene '{self.full.scene.name}' have laws: {what}")
+
+    def condensed_from(
+        self, snapshots: SnapshotSet, held_out: SnapshotSet | None
+    ) -> tuple[SnapshotSet | None, SnapshotSet | None, bool | None]:
+        """Histories, with fields as settings say."""
+        return snapshots, held_out, None
+
+    def skipped(self, recipe: Recipe) -> Iterator[tuple[str, str]]:
+        """Tangents, and the indicator."""
+        if tangents_of(recipe) is None:
+            yield "tangents", "not requested"
+        yield from super().skipped(recipe)
+
+    def check(self, name: str, solutions: object) -> SnapshotSet:
+        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or another mesh."""
+        problem = self.full.problem
+        if self.full.law.plugin:
+            registry.tool("reduced_law", "a reduced model")(self.full)
+        if problem.reshaped is not None:
+            raise NotOfferedError(
+                "hyper-reduction is not built in for bodies with laws whose shape depends on parameters: weights of "
+                "points and strains of modes change with the shape"
+            )
+        known = check_of_problem(name, solutions, problem)
+        if not known.histories:
+            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
+        if not known.states:
+            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
+        size = equilibrium_of(self.full).material.gauss_points
+        if (given := len(states_of(known)[0].state.cumulated)) != size:
+            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
+        return known
+
+    def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
+        """Warn of histories without contact or plastic strain, and without validation."""
+        warn_of_no_contact(self.full.problem, snapshots)
+        material = equilibrium_of(self.full).material
         if material.flows and not material.linear and not flowed(snapshots):
             warn(
                 "no body flows in any training history though some could: tangents under flow were not checked, and a "
                 "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
                 TrainingWarning,
             )
+        warn_of_few_held_out(held_out, 0, "a history")
 
+    def starts(self, snapshots: SnapshotSet, conditions: np.ndarray) -> None:
+        """None: a step starts from the one before."""
 
-class _Reduction:
-    """See :class:`hhr_dolfinx.reduction.interface.ReducedBodies`."""
+    def range_of(self, snapshots: SnapshotSet) -> None:
+        """None before the check, which solves the known paths."""
 
-    fitted = staticmethod(FittedFlow.of)
-    checked = staticmethod(checked_histories)
+    def compared(
+        self,
+        model: Model,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        limits: TrustLimits | None,
+        remedy: str | Mapping[str, str],
+    ) -> tuple[Comparison | None, TrainedPaths | None]:
+        """Errors against known load paths, and the training range; None without limits, or without any path.
 
-    def recipes(self) -> tuple[Recipe, ...]:
-        """The usual recipe."""
-        return (flowing(),)
+        Raises:
+            UnstableModelError: for errors beyond the limits.
 
-    def check_given(self, full: FullModel, name: str, solutions: SnapshotSet) -> None:
-        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or another mesh."""
-        if not solutions.histories:
-            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        if not solutions.states:
-            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
-        size = equilibrium_of(full).material.gauss_points
-        if (given := len(states_of(solutions)[0].state.cumulated)) != size:
-            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
+        Warns:
+            StabilityWarning: for errors or a training range close to a limit, and for laws that soften in training.
+        """
+        full = self.full
+        warn_of_softening(full, snapshots)
+        own = None if limits is None else FlowLimits.of(limits)
+        comparison, shown = compared_histories(full, model, snapshots, held_out, own, remedy, StateErrors())
+        # validation paths are not training: their errors would widen the training range to similar ones
+        signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
+        if not signs:  # without limits all paths may have failed
+            return None, None
+        paths = [history.path for history in snapshots.histories]
+        problem = full.problem
+        gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+        motion = problem.contact_rows_times(snapshots.displacements)
+        largest = max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
+        known = Known(signs, [_onset(model, path) for path in paths], largest)
+        trained = TrainedPaths.of(paths, full.parameters, known, equilibrium_of(full).material.rated)
+        if own is not None:
+            check_door(trained, own)
+        return comparison, trained
 
-
-REDUCTION = _Reduction()
-COMPARISON = _Comparison()
+    def residuals(self, answer: Answer) -> Residuals:
+        """Residuals of the whole stress of an answer; of displacements alone by K, as those of rivals may be."""
+        if "gauss" not in answer.memory:
+            return super().residuals(answer)
+        problem = self.full.problem
+        equilibrium = equilibrium_of(self.full)
+        theta = problem.amplitudes(answer.parameter)
+        forces = answer.forces()
+        given = GaussState(answer.stress(), state(answer).state)
+        left, sizes = equilibrium.residual(answer.unknown, given, theta)
+        residual = (left - equilibrium.contact_load(forces)) * problem.free
+        imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
+        homogeneous = answer.displacement() - problem.lifts @ theta
+        opened = problem.law.opened(answer.memory)
+        return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
-from hhr_dolfinx.certify.compare import largest_errors, residuals_of
 from hhr_dolfinx.errors import HHRError, ReductionError, StudyError, UnstableModelError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History, Model
@@ -20,9 +19,11 @@ from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, to
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.plugins.studies.advice import TRAINING, Advice, by_favour, in_words
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Report, Row, answer_errors, conditions_inside
 from hhr_dolfinx.plugins.studies.report import errors_and_times, model_report
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
@@ -132,7 +133,7 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     wrong = float(np.abs(found[1].sum() - known[1].sum()))
     errors["resultant"] = wrong / max(largest, floor) if wrong > 0 else 0.0
     errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
-    return {**errors, "kkt": asdict(residuals_of(full, here))}
+    return {**errors, "kkt": asdict(kind_of(full).residuals(here))}
 
 
 def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[Report]) -> Row:

@@ -4,6 +4,7 @@ from hhr_dolfinx.registry import Plugin, Way
 
 PLUGIN = Plugin(
     name="local",
+    optional=("one_call",),
     public={
         "hhr_dolfinx.plugins.local.models": "LocalModels",
         "hhr_dolfinx.plugins.local.clustered": "Clusters",

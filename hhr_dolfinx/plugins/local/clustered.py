@@ -24,11 +24,11 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, check_counts, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
 from hhr_dolfinx.plugins.local.subspaces import snapshot_distances
-from hhr_dolfinx.reduction.build import build, check_given
+from hhr_dolfinx.reduction.build import HyperReduction, build
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.projection import reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
-from hhr_dolfinx.reduction.reductor import Record
+from hhr_dolfinx.reduction.reductor import Record, Task
 from hhr_dolfinx.snapshots.records import Progress, SnapshotSet
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
@@ -308,7 +308,7 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     """Numbers of modes and contact conditions of the model of a recipe, without it; ReductionError as in `build`."""
     problem = full.problem
-    check_given(full, snapshots, recipe, None)
+    HyperReduction(recipe).check(Task(full, snapshots))
     basis = basis_of(recipe.basis, problem, snapshots)
     nodes = chosen_nodes(problem, snapshots, recipe, basis)
     sets = reduced_domain(problem, nodes, recipe.domain.layers)

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.plugins.local.models import LocalModels
 from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.reduction.reductor import POINTS, Proposal, Reductor, Search, Task, made
+from hhr_dolfinx.reduction.reductor import Reductor, Task, made
 from hhr_dolfinx.study.training.train import Progress, Training, silent
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
+    from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,10 @@ class Local(Reductor[Task]):
         """Nothing."""
         return None, model.trained
 
-    def proposals(self, search: Search) -> Iterator[Proposal]:
+    def proposals(self, search: SearchContext) -> Iterator[Proposal]:
         """Of the largest training alone."""
+        from hhr_dolfinx.plugins.one_call.proposals import POINTS, Proposal
+
         yield Proposal(self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1]))
 
 

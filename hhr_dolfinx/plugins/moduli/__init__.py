@@ -23,6 +23,7 @@ def _of_one_shape(full: FullModel, recipe: object) -> bool:
 PLUGIN = Plugin(
     name="moduli",
     needs=("differences", "elasticity"),
+    optional=("one_call",),
     classes={
         f"{_HERE}.varying_bound": "PartEnergy VaryingBound",
         f"{_HERE}.interpolated": "Compliance Compliances InterpolatedFields PrimalModes",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
@@ -19,8 +19,10 @@ from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown, round_off_of_gaps
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
-from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 
 LARGE = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the memory."""

@@ -39,7 +39,7 @@ from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Pod
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
+from hhr_dolfinx.reduction.reductor import Reductor, Task, compared, made
 from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE, linear_starts
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import check_of_problem
@@ -48,7 +48,9 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import AllOutputs
-    from hhr_dolfinx.snapshots.store import ArrayStore
+    from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
+    from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
 
 ALONG = 4
@@ -273,8 +275,10 @@ class Condensation(Reductor[_Prepared]):
             return None, model.trained
         return compared(task, model, self.limits, self.remedy)
 
-    def proposals(self, search: Search) -> Iterator[Proposal]:
+    def proposals(self, search: SearchContext) -> Iterator[Proposal]:
         """Finer and finer grids while forces are off; displacements of checks improve the fields of later rounds."""
+        from hhr_dolfinx.plugins.one_call.proposals import Proposal
+
         before = _Prepared(Task(search.full), solvers_of(search.full, search.store))
         tolerance = GRID_PART * search.target.error
         # without fields nothing bounds an error; without a bound they serve displacements alone

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.certify.compare import retraced
 from hhr_dolfinx.errors import (
     ConvergenceError,
     HHRError,
@@ -24,16 +23,18 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
+from hhr_dolfinx.plugins.paths.compared import retraced
 from hhr_dolfinx.plugins.paths.path_families import PathFamily
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.claims import check_claim
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
-from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import ignored, warn
@@ -209,7 +210,7 @@ class SearchContext:
         known = list(exact)
         histories = self.family is not None
         for some in ([item] for item in known) if histories else (known,):
-            check_claim(method, self.full, model, _set_of(some))
+            check_claim(method, kind_of(self.full), model, _set_of(some))
 
     @property
     def checked(self) -> SnapshotSet | None:

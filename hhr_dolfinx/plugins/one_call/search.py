@@ -53,15 +53,17 @@ from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
+from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, FewAnswersError, SearchContext
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
+from hhr_dolfinx.plugins.one_call.proposals import Proposal, proposals_of
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.plugins.paths.path_families import PathFamily
-from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes, ways
+from hhr_dolfinx.reduction.reductor import Outcome, outcomes, ways
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
+from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import Announce, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
@@ -290,7 +292,7 @@ def _share_answered(context: SearchContext, model: KeptModel) -> float:
 def attempts(context: SearchContext) -> Iterator[Proposal]:
     """Models of all reductors of a scene: first those that keep all contact conditions."""
     for way in ways(context.full):
-        yield from registry.load(way.place)().proposals(context)
+        yield from proposals_of(registry.load(way.place)(), context)
 
 
 class _Found:

@@ -18,7 +18,8 @@ from hhr_dolfinx.errors import class_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
+from hhr_dolfinx.plugins.paths.histories import with_fields
+from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
 
 Found = Answer | History | errors.HHRError

@@ -47,7 +47,7 @@ def interpolate(draft: Draft) -> None:
                 "hhr.condense(scene)",
                 StabilityWarning,
             )
-        draft.compliances = ReshapedElimination(found, problem.amplitudes, problem.parameters)
+        draft.parts["compliances"] = ReshapedElimination(found, problem.amplitudes, problem.parameters)
         draft.fields = _fields(draft)
 
 

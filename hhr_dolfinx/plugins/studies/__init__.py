@@ -6,6 +6,7 @@ _HERE = "hhr_dolfinx.plugins.studies"
 
 PLUGIN = Plugin(
     name="studies",
+    optional=("paths",),
     public={
         f"{_HERE}.settings": "StudySettings View",
         f"{_HERE}.study": "Rival run_study study_scene",

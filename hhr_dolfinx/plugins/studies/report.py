@@ -151,8 +151,7 @@ def frame(training: Training, model: KeptModel, seed: int) -> Report:
     if not isinstance(model, ReducedModel):
         return report
     stability = _stability(offline.stability)
-    if offline.tangent_margin is not None:
-        stability["tangent"] = offline.tangent_margin
+    stability |= offline.further
     report["sizes"] |= reduced_sizes(model) | {"layers": offline.layers}
     return report | {
         "stability": {

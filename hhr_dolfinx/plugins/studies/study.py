@@ -28,7 +28,7 @@ from hhr_dolfinx.plugins.studies.report import (
 )
 from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train, training_paths
+from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train
 from hhr_dolfinx.warn import collected
 
 
@@ -179,6 +179,8 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
     if (laws := study_of(scene)) is not None:
         laws.check(settings)
         if points is None and isinstance(tests, Mapping):
+            from hhr_dolfinx.plugins.paths.queries import training_paths
+
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
         what = f"tests = {tests!r}" if points is None else "points"
         raise StudyError(f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: path, ...}}")

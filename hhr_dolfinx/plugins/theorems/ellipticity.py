@@ -15,9 +15,9 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.constants import DENSE, extreme_eigenvalue
 from hhr_dolfinx.errors import BoundError, NotSolvableError
 from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.plugins.theorems.full_constants import DENSE, extreme_eigenvalue
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import Group, group_of, share
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.parameters import check_counts, has_names, is_whole
 from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
+from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Task, condensing, everywhere, made
 from hhr_dolfinx.scene import Scene
@@ -30,8 +30,8 @@ from hhr_dolfinx.snapshots.records import (
     PROGRESS,
     Lost,
     SnapshotSet,
-    asked_for,
     held_out_points,
+    queries_of,
     spread_snapshots,
     uniform_points,
 )
@@ -122,12 +122,10 @@ class Training(Shown):
                 plug-in interpolates.
         """
         full = self.full_order
-        if full.law.remembers and full.equilibrium is None:
-            from hhr_dolfinx.study.condensing import condensed
-
-            return condensed(full, settings)
-        task = Task(full, self.snapshots, self.held_out, announce=announce)
-        return made(condensing(full).usual(settings, fields=None), task)
+        reductor = condensing(full)
+        snapshots, held_out, fields = kind_of(full).condensed_from(self.snapshots, self.held_out)
+        task = Task(full, snapshots, held_out, announce=announce)
+        return made(reductor.usual(settings, fields=fields), task)
 
 
 def train(
@@ -178,7 +176,7 @@ def _trained(
     with group.each("checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
-    values = [] if chooses_itself(queries) else asked_for(queries)[1:]
+    values = [] if chooses_itself(queries) else queries_of(scene.parameters, queries).asked()[1:]
     group.agreed("a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values])
     with log.stage("full_order"):
         full = _full_model(scene, group, together, queries, log)
@@ -216,7 +214,7 @@ def _full_model(scene: Scene, group: Group, together: bool | None, queries: obje
         )
     log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
     full = FullOrderModel(scene, group.comm)
-    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
+    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(kind_of(full))
     if full.spread.all_here or not why:
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
@@ -347,18 +345,11 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
+    if scene.by_paths:
+        return registry.tool("queries", f"training of scene '{scene.name}'")(scene, training, held_out)
     chooses = chooses_itself(training)
-    if chooses and scene.remembers:
-        raise NotOfferedError(
-            f"contacts of scene '{scene.name}' remember their path, and a training that chooses such histories itself "
-            "is not built in: train on a list of paths, or condense it without a training, hhr.condense(scene)"
-        )
     if chooses:
         training.space(scene)
-    if scene.remembers or scene.reader:
-        apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
-        given = training if chooses else training_paths(scene, training)
-        return given, training_paths(scene, apart) if apart else []
     count = 100 if held_out is None else held_out
     check_counts(held_out=(count, 0))
     return training if chooses else training_points(scene, training), count
@@ -383,25 +374,6 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
             "it more, Sobol(64) or a grid such as (16, 16)"
         )
     return points
-
-
-def training_paths(scene: Scene, paths: object) -> list:
-    """Checked paths of a scene whose answers depend on their path; StudyError for an invalid list of paths."""
-    advice = (
-        f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
-        "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"
-    )
-    if not isinstance(paths, Iterable):
-        raise StudyError(f"{advice}; {paths!r} is none")
-    try:
-        pairs = [(path, checked_path(scene.parameters, path)) for path in paths]
-    except (ParameterError, TypeError) as error:
-        raise StudyError(f"{advice} ({error})") from None
-    # paths of a family keep their names
-    checked = [path if isinstance(getattr(path, "name", None), str) else known for path, known in pairs]
-    if not checked or min(len(path) for path in checked) < 2:
-        raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
-    return checked
 
 
 def checked_folder(folder: str | Path) -> Path:

@@ -13,7 +13,7 @@ from stacked import stacked, with_plugins
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.memory import NO_MEMORY
-from hhr_dolfinx.reduction.interface import completed
+from hhr_dolfinx.plugins.contact_laws.reduction import completed
 from hhr_dolfinx.registry import Plugin
 
 pytestmark = needs("differences", "friction")

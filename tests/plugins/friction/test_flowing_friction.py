@@ -25,7 +25,7 @@ PATH = [
 """Pressed, sheared, turned round, opened, and pressed again."""
 
 
-LIMITS = hhr.TrustLimits.of_histories(warn_plastic=0.3, warn_estimate=0.1)
+LIMITS = hhr.FlowLimits.of_histories(warn_plastic=0.3, warn_estimate=0.1)
 """At the edge of contact a few points flow by strains that eight histories tell to 14 to 20 %, whatever the model."""
 
 

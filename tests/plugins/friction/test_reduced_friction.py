@@ -199,7 +199,7 @@ def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
     with pytest.raises(NotSolvableError, match="friction has several answers: enrich the basis"):
         hhr.build(full, histories, small)
     usual = lambda **changes: dataclasses.replace(small, **changes)  # noqa: E731
-    monkeypatch.setattr(hhr.Recipe, "of_paths", usual)
+    monkeypatch.setattr("hhr_dolfinx.plugins.contact_laws.reduction.of_paths", usual)
     model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))

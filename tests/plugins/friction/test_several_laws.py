@@ -13,13 +13,13 @@ from projected import Reference, cubic, projected
 from stacked import PATH, stacked, with_plugins
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw, SlipState
 from hhr_dolfinx.plugins.friction.range import FrictionStep
+from hhr_dolfinx.reduction.kinds import kind_of
 
 RATE = 0.05
 
@@ -277,7 +277,7 @@ def test_gradients_of_wear_beside_friction_as_contacts_open_and_close(laws):
 
 def check_laws(full, answer, mu, constants, position=0.0):
     """Equilibrium of an answer, and its forces are the projection of themselves less its own slacks."""
-    residuals = residuals_of(full, answer)
+    residuals = kind_of(full).residuals(answer)
     assert residuals.equilibrium <= 1e-10
     parts = ranges_of(full)
     friction, gasket = parts["friction"], parts["my_gasket"]

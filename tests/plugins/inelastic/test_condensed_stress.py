@@ -16,6 +16,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, check_comparison
 from hhr_dolfinx.errors import ReductionError, StabilityWarning, UnstableModelError
 from hhr_dolfinx.plugins.inelastic import state as module
+from hhr_dolfinx.plugins.inelastic.recipe import FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import state_modes
 from hhr_dolfinx.study.training.train import Training
 
@@ -182,7 +183,8 @@ def test_limits_look_at_stress_and_plastic_strain(name, error, outcome):
     """Displacement and forces are right; what users read besides need not be."""
     none, wrong = np.full(2, 1e-3), np.array([1e-3, error])
     fields = (wrong, none) if name == "stress" else (none, wrong)
-    comparison, limits = Comparison(["path 1", "path 2"], none, none, *fields), TrustLimits.of_histories()
+    rows = list(zip(["path 1", "path 2"], none, none, *fields, strict=True))
+    comparison, limits = Comparison.of(rows, ("stress", "plastic strain")), FlowLimits.of(TrustLimits.of_histories())
     if outcome is None:
         check_comparison(comparison, limits)
     elif outcome == "warned":

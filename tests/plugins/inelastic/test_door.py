@@ -11,7 +11,6 @@ from scenes import block_scene, slope
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
-from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import (
     OutsideTrainingError,
     OutsideTrainingWarning,
@@ -28,6 +27,7 @@ from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
+from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.reduction import build as stages
 from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
 
@@ -85,7 +85,7 @@ def test_unseen_gaps_are_not_warned_of(demo_pellet, reduction, gap, steps):
     assert relative_error(here.multipliers, there.forces()[reduction.fields.A_lambda]) < 0.1
     assert relative_error(here.gauss.stress[:, 0], there.stress()[points][:, 0]) < 0.05
     assert relative_error(here.plastic_strain(), there.plastic_strain()) < 0.02
-    assert len(reduction.flow.cells) < len(full.problem.cell_nodes) and reduction.offline.tangent_margin > 0
+    assert len(reduction.flow.cells) < len(full.problem.cell_nodes) and reduction.offline.further["tangent"] > 0
 
 
 def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction):

@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.inelastic import store as store_of_gauss_points
 from hhr_dolfinx.plugins.inelastic.equilibrium import Stepper
 from hhr_dolfinx.plugins.inelastic.law import LawProgram, program_of
 from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.plugins.paths.histories import KeptSteps
 from hhr_dolfinx.snapshots.store import _digest_of
 
 PATH = demo.path(10.0, flowing.STEPS)
@@ -161,7 +162,7 @@ def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
 
 def test_a_damaged_step_is_warned_of_and_solved_anew(full, whole, solved, tmp_path):
     _, store = computed(full, tmp_path)
-    path = store._path(store.steps(PATH, RENEWED)._queries[4])
+    path = store._path(KeptSteps(store, PATH, RENEWED)._queries[4])
     content = bytearray(path.read_bytes())
     content[-200] ^= 1
     path.write_bytes(content)
@@ -290,6 +291,6 @@ def test_amplitudes_are_told_apart_by_what_they_are_at_a_point(tmp_path):
         amplitudes = Amplitudes(np.ones(1), np.zeros((1, 2)), given)
         stores.append(hhr.SnapshotStore(tmp_path, BareFull(replace(bare_problem(), amplitudes=amplitudes))))
     point = np.array([0.5, 3.0])
-    assert len({str(store._path(store._query_at(point))) for store in stores}) == 3
+    assert len({str(store._path(store.query_at(point))) for store in stores}) == 3
     same = np.array([1.0, 1.0])
-    assert len({str(store._path(store._query_at(same))) for store in stores[1:]}) == 1
+    assert len({str(store._path(store.query_at(same))) for store in stores[1:]}) == 1

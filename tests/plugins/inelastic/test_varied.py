@@ -19,6 +19,7 @@ from hhr_dolfinx.plugins.inelastic.history_gradient import history_gradient
 from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.project import training_tangents
 from hhr_dolfinx.plugins.inelastic.update import Material
+from hhr_dolfinx.plugins.paths.histories import KeptSteps
 
 NEWTON = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")
 
@@ -150,10 +151,10 @@ def test_a_store_finds_only_what_is_the_same(tmp_path):
     """Not by another formula, class, number, heat or parameter; whatever the box."""
 
     def found(model, **asked):
-        return len(hhr.SnapshotStore(tmp_path, model).steps(varied.path(**asked), QUIET).load())
+        return len(KeptSteps(hhr.SnapshotStore(tmp_path, model), varied.path(**asked), QUIET).load())
 
     full, creep = varied.full(), varied.LAWS[1]
-    full.march(varied.path(), QUIET, keep=hhr.SnapshotStore(tmp_path, full).steps(varied.path(), QUIET).save)
+    full.march(varied.path(), QUIET, keep=KeptSteps(hhr.SnapshotStore(tmp_path, full), varied.path(), QUIET).save)
     wider = dataclasses.replace(varied.SPACE, upper=(*varied.SPACE.upper[:4], 240e3, 1.3, 2100.0, 1300.0))
     for scene in (varied.scene(), varied.scene(parameters=wider)):
         assert found(hhr.FullOrderModel(scene)) == flowing.STEPS

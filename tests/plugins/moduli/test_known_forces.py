@@ -18,7 +18,6 @@ from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 from hhr_dolfinx.plugins.moduli.known_forces import DiagonalBlock, KnownForces
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.reduction.reductor import Task, made
-from hhr_dolfinx.snapshots.store import ArrayStore
 
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}
 OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))
@@ -85,8 +84,11 @@ def test_outputs_of_forces_make_no_field(model, monkeypatch):
         assert found["peak"] > 0 or not answer.active.any()
 
 
+@needs("one_call")
 def test_stages_are_kept_for_a_run_that_was_interrupted(tmp_path, monkeypatch):
     """Starts and responses, after which such runs end: another run computes neither, and its model is the same."""
+    from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
+
     scene = pressed_pair("plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.45)}, cells=2)
     full = hhr.FullOrderModel(scene)
     settings = GridSettings(1e-3, 30)

@@ -24,9 +24,9 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.one_call import search
+from hhr_dolfinx.plugins.one_call.proposals import POINTS
 from hhr_dolfinx.plugins.one_call.search import attempts
 from hhr_dolfinx.plugins.one_call.target import Errors, Target
-from hhr_dolfinx.reduction.reductor import POINTS
 
 
 def worst(model, full, count, names):

@@ -23,7 +23,7 @@ from hhr_dolfinx.plugins.moduli import bounding, condense
 from hhr_dolfinx.plugins.moduli.components import Solver
 from hhr_dolfinx.plugins.one_call import context, progress, search
 from hhr_dolfinx.plugins.one_call.progress import ShareLines
-from hhr_dolfinx.reduction.reductor import Proposal
+from hhr_dolfinx.plugins.one_call.proposals import Proposal
 from hhr_dolfinx.timing import unannounced
 
 VARIES = contract.blocks((3.0, "nu"), box={"nu": (0.1, 0.4)})

@@ -15,14 +15,14 @@ from scipy.sparse import diags
 from tubes import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify import constants
-from hhr_dolfinx.certify.constants import FullConstants, smallest_singular_value
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, ReductionError
 from hhr_dolfinx.geometries import pellet_cladding as pellet_geometry
 from hhr_dolfinx.plugins.theorems import ellipticity
+from hhr_dolfinx.plugins.theorems import full_constants as constants
 from hhr_dolfinx.plugins.theorems.constants import Spaces, refused, sharp_constants
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
+from hhr_dolfinx.plugins.theorems.full_constants import FullConstants, smallest_singular_value
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
 from hhr_dolfinx.plugins.theorems.theorems import THEOREMS, ImposedInterface, ThesisBounds
 
@@ -173,7 +173,7 @@ def test_constants_where_the_stiffness_depends_on_parameters():
 def test_constants_of_a_model_are_found_once(hertz, monkeypatch):
     first, second = Ellipticity.of(hertz), FullConstants.of(hertz)
     monkeypatch.setattr(ellipticity, "of_stiffness", None)
-    monkeypatch.setattr("hhr_dolfinx.certify.constants.smallest_singular_value", None)
+    monkeypatch.setattr("hhr_dolfinx.plugins.theorems.full_constants.smallest_singular_value", None)
     assert Ellipticity.of(hertz) is first and FullConstants.of(hertz) is second
 
 
