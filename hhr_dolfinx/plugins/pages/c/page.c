@@ -34,7 +34,9 @@ EXPORT(rest) int rest(const double *point) {
     memset(path->state->block, 0, path->state->size);
     memcpy(path->state->point, point, MODEL_PARAMETERS * sizeof(double));
     path->begun = 1;
-#if !MODEL_FLOWS
+#if MODEL_FLOWS
+    path->tangent = 0;
+#else
     if (!model_set_contact(WORK, point)) return 0;
     WORK->started = 1;
 #if MODEL_RUBS
