@@ -130,6 +130,10 @@ REASONS: dict[str, dict[str, str]] = {
             "Not built in: a basis and a RID are those of one B, and where surfaces slide past their mesh B is made "
             "again in each increment. A training takes usual full models."
         ),
+        "certify/trust.py:check_comparison": (
+            "No part is missing: a model is compared with answers that were held out, and refused for its error, which "
+            "is infinite where its contact leaves the displacement of a body open."
+        ),
         "certify/trust.py:check_solvable": (
             "Rows of conditions are dependent on the basis: their forces have no single value, thesis (1.67). If two "
             "conditions have one row, no basis tells them apart."
