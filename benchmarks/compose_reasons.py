@@ -143,7 +143,7 @@ REASONS: dict[str, dict[str, str]] = {
             "single value."
         ),
         "plugins/contact_laws/reduction.py:completed": _SMALL["plugins/contact_laws/reduction.py:completed"],
-        "reduction/build.py:check_given": (
+        "plugins/inelastic/reduction.py:check": (
             "Not built in: strains of modes and weights of Gauss points are integrals on one mesh, and change with the "
             "shape."
         ),

@@ -223,7 +223,8 @@ def whole_history(full, path, settings, field=1e-8, force=1e-6):
     sets = whole_domain(problem)
     flow = project_flow(full.equilibrium, basis, sets)
     snapshots = hhr.SnapshotSet.of_histories([exact])
-    fields = Completion.of(problem, snapshots, FittedFlow.of(snapshots)).reconstruction(problem, basis, sets, flow)
+    fields = Completion.of(problem, snapshots).reconstruction(problem, basis, sets)
+    fields = dataclasses.replace(fields, flow=FittedFlow.of(snapshots).completion(flow))
     reduced = ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
     for there, here in zip(exact.answers, reduced.march(path, settings).answers, strict=True):
         size = np.abs(there.unknown).max()
