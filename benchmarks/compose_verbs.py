@@ -48,9 +48,12 @@ NEUTRAL = 1e-6
 points for weights 1/r than that of elastic bodies. Others are round-off."""
 PARTS_OF_ESTIMATE = {"bound": 1.0, "estimate": 2.0}
 """Most of an error over its estimate, by the kind of estimate; indicators promise nothing."""
-STEPS = (3e-4, 3e-5, 3e-6)
-"""Steps of differences over the range of a parameter: the first that meets no kink is taken. A contact that opens is
-seen by its force, a point that yields by a change with the step."""
+STEPS = (3e-4, 3e-5, 3e-6, 1e-6)
+"""Steps of differences over the range of a parameter: the first that meets no kink is taken. A
+contact that opens is seen by its force, a point that yields by a change with the step."""
+AGREE = SLOPES / 10
+"""Change of differences by a shorter step up to which none is held to meet a kink: one that both
+steps meet changes them by little, and is off by more than that."""
 OUTPUTS = ("force", "sunk", "moved")
 """Outputs of all drafts."""
 TIGHT = {
@@ -324,7 +327,7 @@ def differences(case: Case, closed: np.ndarray, widths: np.ndarray) -> np.ndarra
         found = np.transpose(columns)
         if before is not None:
             pairs = zip(found, before, strict=True)
-            if max(difference([one], [other]) for one, other in pairs) <= SLOPES:
+            if max(difference([one], [other]) for one, other in pairs) <= AGREE:
                 return found
         before = found
     raise Unknown("contacts open or close, or points yield, within the step of differences")
