@@ -19,6 +19,9 @@ from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
 KNOWN_ERROR = "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
 """Estimates of inelastic models in one line."""
+SHOWN = 1e-8
+"""Norm of a mode on the known values, relative to the largest of the modes, below which its amplitude is round-off: the
+root of the machine's precision. One of round-off, 5e-14 there, was multiplied to errors of 6e8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +37,8 @@ class GappyField:
 
     @classmethod
     def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
-        """Field from modes and the numbers of the values in the RID."""
-        return cls(modes, np.linalg.pinv(modes[inside]))
+        """Field from modes and the numbers of the values in the RID; modes that these do not show have no amplitude."""
+        return cls(modes, np.linalg.pinv(modes[inside], rcond=SHOWN))
 
     def everywhere(self, inside: np.ndarray) -> np.ndarray:
         """The field everywhere, fitted to its values in the RID by least squares."""

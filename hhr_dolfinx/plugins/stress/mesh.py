@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.domain import extract_domains
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -129,8 +130,11 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     if body.grading is not None:
         from hhr_dolfinx.plugins.elasticity.parts import grading_of
 
-        factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
-        grading = compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))
+        factor = ufl.as_ufl(grading_of(discretisation, body))
+        if extract_domains(factor):
+            grading = compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))
+        else:  # a grading that is a number has no mesh
+            grading *= float(factor)
     weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
     volumes = fem.assemble_vector(compat.jitted(fem.form, weight)).array[constants.dofmap.list[cells].ravel()]
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)

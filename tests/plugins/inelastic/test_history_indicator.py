@@ -257,3 +257,12 @@ def test_a_poor_model_says_that_its_door_is_wide():
 def test_stress_that_is_no_number_is_told():
     assert Signs(0.0, 1.0, 0.0, misfit=np.nan, stress=np.nan).estimate == np.inf
     assert warns(watched([one(0.01, 1.0)]), one(np.nan, np.nan))
+
+
+def test_modes_of_round_off_have_no_amplitude():
+    """A mode that known values show by 1e-13 of its norm multiplied their round-off by 1e13; the others are fitted."""
+    modes = np.linalg.qr(np.random.default_rng(3).standard_normal((20, 3)))[0]
+    modes[:6, 2] *= 1e-13
+    field = modes[:, :2] @ [2.0, -1.0]
+    known = field[:6] + 1e-14
+    np.testing.assert_allclose(GappyField.fitted(modes, np.arange(6)).everywhere(known), field, atol=1e-13)

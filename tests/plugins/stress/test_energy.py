@@ -427,3 +427,12 @@ def test_bodies_that_slide_past_their_mesh():
         for answer in hhr.slide(scene, condensed=condensed).march(path).answers:
             field = answer.displacement()
             assert answer.outputs()["energy"] == pytest.approx(field @ (bare @ field) / 2, rel=1e-9)
+
+
+def test_a_grading_that_is_a_number_scales_stress():
+    """A bar that is pulled, with twice the modulus, has twice the stress."""
+    outputs = (hhr.VonMises("mises", block.SOLID),)
+    bars = [pulled(None, grading=given) for given in (lambda x: 2.0 + 0.0 * x[0], None)]
+    fulls = [hhr.FullOrderModel(dataclasses.replace(bar, outputs=outputs)) for bar in bars]
+    twice, once = (full.outputs((0.01, 200.0))["mises"] for full in fulls)
+    assert twice == pytest.approx(2 * once, rel=1e-12) == pytest.approx(2 * 200.0 * 0.01, rel=1e-10)
