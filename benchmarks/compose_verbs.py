@@ -441,6 +441,9 @@ def _changed(case: Case, name: str) -> tuple[float, str]:
     without = composed(rest, Draft(kind=with_it.kind))
     settings = TIGHT if case.inelastic else {}
     found, expected = (outputs_of(draft, **settings) for draft in (with_it, without))
+    if any(body.grading is not None for body in case.scene.bodies) and case.inelastic:
+        # where laws are evaluated the grading is another one than in the middle of a cell
+        found = [{key: value for key, value in one.items() if key != "mises"} for one in found]
     return apart(found, expected), name
 
 
