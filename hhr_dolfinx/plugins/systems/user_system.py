@@ -113,7 +113,7 @@ class UserSystem:
     def _compared(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, System]:
         """The system as the user made it, and its problem."""
         if isinstance(system, Restricted):
-            return system.given.problem, system.given
+            return problem_of_all_dofs(problem, self.stiffness), system.given
         return problem, system
 
     def _of_all_dofs(self, problem: ContactProblem) -> System:

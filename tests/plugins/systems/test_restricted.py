@@ -587,3 +587,20 @@ def test_moduli_that_a_system_leaves_out_are_named(system, recwarn):
     alike = np.abs(soft - stiff).max() <= 1e-12 * np.abs(stiff).max()
     assert len(said) == alike == (system is OfTheMiddle)
     assert all("depend on E" in words for words in said)
+
+
+@needs("conformance")
+@pytest.mark.parametrize("constraints", [False, True])
+def test_gaps_and_loads_of_another_problem_are_refused(constraints):
+    """They are compared with those of the scene, not with those of the system itself."""
+    from hhr_dolfinx.testing import pressed_blocks
+
+    left, right, _ = places()
+    more = {"constraints": (hhr.Equation(((left, 0, 1.0), (right, 0, -2.0))),)} if constraints else {}
+    for changes, what in (
+        (lambda p: {"gaps": 1.5 * p.gaps}, "the gaps"),
+        (lambda p: {"forces": 1.5 * p.forces}, "the loads"),
+        (lambda p: {"contact": 1.5 * p.contact}, "B"),
+    ):
+        with pytest.raises(SceneError, match=f"parts, and {what} of its equations"):
+            hhr.FullOrderModel(pressed_blocks({"k": (0.1, 20.0)}, system=Summed("k", changes), **more))
