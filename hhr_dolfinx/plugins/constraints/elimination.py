@@ -19,9 +19,10 @@ from scipy.sparse.linalg import SuperLU, splu
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import box_samples
+from hhr_dolfinx.formulas import box_samples, formula_of
 from hhr_dolfinx.full_order.eliminated import Eliminated
 from hhr_dolfinx.loads import Assembler, Term, Terms
+from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.constraints.loose_equations import chosen
 from hhr_dolfinx.plugins.constraints.repeated import without_repeated
 from hhr_dolfinx.plugins.constraints.tied_nodes import without_tied
@@ -92,13 +93,13 @@ def eliminated(
     found = []
     middle = None
     for item in scene.constraints:
-        given = item.equations(assembler(item))
+        given = _checked(item, item.equations(assembler(item)), scene, free.size)
         middle = _shares(given, free.size) if given.middle else middle
         part, left_out = _without_imposed(given, free)
-        amplitude = bound(item.amplitude, scene.parameters)
-        own = given.take(left_out)
+        amplitude = bound(_amplitude_of(item), scene.parameters)
+        alone = given.take(left_out)
         size = np.abs(given.values).max(initial=0.0)
-        _check_kept(scene, repr(item), own.rows, [Term(amplitude, csc_matrix(-own.values[:, None]))], size, imposed)
+        _check_kept(scene, repr(item), alone.rows, [Term(amplitude, csc_matrix(-alone.values[:, None]))], size, imposed)
         found.append((amplitude, part))
     found = _decided(scene, found, free, imposed)
     rows = csr_matrix(vstack([part.rows for _, part in found]))
@@ -121,6 +122,39 @@ def eliminated(
     prolongation = Prolongation(free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own))
     joined = partial(without_tied, scene, cell_nodes)
     return Eliminated(prolongation, terms, joined, partial(without_repeated, middle))
+
+
+def _checked(item: Constraint, given: Equations, scene: Scene, size: int) -> Equations:
+    """Equations of a constraint, which a user may have written, over so many dofs.
+
+    Raises:
+        SceneError: for arrays that do not go together, dofs that are none, and numbers that are not finite.
+    """
+    fault = "are no Equations"
+    if isinstance(given, Equations):
+        count, columns = np.shape(given.rows)
+        dependent = np.asarray(given.dependent)
+        faults = {
+            f"have rows of {columns} columns, and there are {size} dofs": columns != size,
+            f"are {count}, and have the dependent dofs {dependent!r}": dependent.shape != (count,),
+            "determine dofs that are no numbers from 0": dependent.dtype.kind not in "iu"
+            or not ((dependent >= 0) & (dependent < size)).all(),
+            f"are {count}, and have right-hand sides of the shape {np.shape(given.values)}": np.shape(given.values)
+            != (count,),
+            "have coefficients or right-hand sides that are no finite numbers": not all(
+                np.isrealobj(part) and np.isfinite(part).all() for part in (csr_matrix(given.rows).data, given.values)
+            ),
+        }
+        fault = next((words for words, found in faults.items() if found), "")
+    if fault:
+        raise SceneError(f"equations of {item!r} of scene '{scene.name}' {fault}: see Equations")
+    return given if isinstance(given.rows, csr_matrix) else replace(given, rows=csr_matrix(given.rows))
+
+
+def _amplitude_of(item: Constraint) -> Any:
+    """Its amplitude, also of a user's constraint that has a number or a text, as displacements take."""
+    given = item.amplitude
+    return formula_of(given, f"the amplitude of {item!r}") if isinstance(given, str) or is_number(given) else given
 
 
 def _shares(given: Equations, size: int) -> csr_matrix:
@@ -234,7 +268,10 @@ def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
             return factors
     except RuntimeError:  # singular in structure
         pass
-    raise SceneError(f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply")
+    raise SceneError(
+        f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply; or a dof that "
+        "one determines is not in it"
+    )
 
 
 def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray) -> csr_matrix:

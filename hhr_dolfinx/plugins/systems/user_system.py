@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, issparse
 
 from hhr_dolfinx.contact.problem import ContactProblem, strained
 from hhr_dolfinx.contact.stiffness import SparseStiffness
-from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError
+from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError, SceneWarning
+from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.free_bodies import FreeBody
-from hhr_dolfinx.full_order.system import System, SystemAt
+from hhr_dolfinx.full_order.system import SummedSystem, System, SystemAt
 from hhr_dolfinx.group import Group
 from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 from hhr_dolfinx.plugins.systems.parts import check_parts, check_symmetric, samples
@@ -29,6 +30,7 @@ from hhr_dolfinx.plugins.systems.restricted import (
     problem_of_all_dofs,
 )
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.system import Made, Middle
@@ -98,6 +100,7 @@ class UserSystem:
             stated = given.parts()
             parts = system.parts_of_all_dofs() if isinstance(system, Restricted) else stated
             if stated is not None:
+                _warn_of_moduli(self.scene, stated[0])
                 whole = _with_parts(whole, *stated)
             for point in samples(problem.parameters):
                 there = given.at(point)
@@ -110,7 +113,7 @@ class UserSystem:
     def _compared(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, System]:
         """The system as the user made it, and its problem."""
         if isinstance(system, Restricted):
-            return system.given.problem, system.given
+            return problem_of_all_dofs(problem, self.stiffness), system.given
         return problem, system
 
     def _of_all_dofs(self, problem: ContactProblem) -> System:
@@ -130,6 +133,8 @@ class UserSystem:
         found = self.scene.system(*given)
         if not isinstance(found, System):
             raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
+        if isinstance(found, SummedSystem):
+            _check_terms(found.problem, given[0], self.scene.name)
         return found
 
     def _with_pattern(self, problem: ContactProblem, made: Any) -> Any:
@@ -174,6 +179,34 @@ def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
     if matrix is None:
         raise SceneError(f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()")
     return matrix
+
+
+def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> None:
+    """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K of the bodies."""
+    terms = summed.stiffness_terms
+    own = given.own_stiffness
+    if len(summed.moduli) not in (0, len(terms)):
+        raise SceneError(f"the system of scene '{name}' has {len(summed.moduli)} weights of {len(terms)} matrices")
+    if any(one.names != given.parameters.names for one in summed.moduli):
+        raise SceneError(f"weights of the system of scene '{name}' must name all parameters: problem.parameters.names")
+    for part in terms:
+        if not issparse(part) or (part.shape, part.nnz) != (own.shape, own.nnz):
+            raise SceneError(
+                f"a matrix of the system of scene '{name}' is no csr_matrix in the pattern of K of the bodies: give "
+                "it the numbers of all entries there, also zeros"
+            )
+
+
+def _warn_of_moduli(scene: Scene, weights: Any) -> None:
+    """Warn of parameters in moduli of bodies that no weight of a system names: they may be those of stresses alone."""
+    named = {name for one in weights for text in (one.factor, one.rest) for name in Formula(text).variables}
+    texts = [text for body in scene.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
+    if left := sorted({name for text in texts for name in Formula(text).variables} - named):
+        warn(
+            f"moduli of bodies of scene '{scene.name}' depend on {', '.join(left)}, and K of its system does not: take "
+            "problem.moduli and problem.stiffness_terms into it, unless they are those of stresses alone",
+            SceneWarning,
+        )
 
 
 def _with_parts(problem: ContactProblem, moduli: Any, matrices: Any) -> ContactProblem:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from needs import needs
 from scenes import block_scene, space
+from scipy.sparse import csr_matrix
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.plugins.constraints.elimination import Equations
 
 RIGHT = block.side(0, upper=True)
 LEFT = block.side(0, upper=False)
@@ -171,6 +173,50 @@ def test_equations_of_imposed_displacements_hold_or_are_refused(right):
 def test_equations_that_cannot_be_are_refused(constraints, why):
     with pytest.raises(SceneError, match=why):
         hhr.FullOrderModel(pressed(constraints))
+
+
+@dataclass(frozen=True)
+class Lever:
+    """A user's constraint: one corner of the lid goes down as the other one does, and by an amplitude more."""
+
+    amplitude: object
+    changes: object = lambda given: {}
+
+    def equations(self, assembler):
+        one, other = (2 * assembler.nodes(hhr.Nodes.near((x, 1.0)))[0] + 1 for x in (0.0, 1.0))
+        rows = csr_matrix(([1.0, -1.0], ([0, 0], [one, other])), shape=(1, assembler.size))
+        given = Equations(rows, np.array([one]), np.ones(1))
+        changed = self.changes(given)
+        return replace(given, **changed) if isinstance(changed, dict) else changed
+
+
+@pytest.mark.parametrize("amplitude", ["0.002 * p", 0.001, hhr.Amplitude(slopes={"p": 0.002})])
+def test_a_constraint_of_a_user_takes_the_amplitudes_of_displacements(amplitude):
+    """It is the equation of the package, also with dense rows."""
+    own = pressed((Lever(amplitude, lambda given: {"rows": given.rows.toarray()}),))
+    one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
+    theirs = pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -1.0)), amplitude),))
+    found, known = (hhr.FullOrderModel(scene).solve(0.7).displacement() for scene in (own, theirs))
+    assert found == pytest.approx(known, abs=1e-14) and np.abs(known).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [(lambda given: (given.rows, given.dependent, given.values), "are no Equations"),
+     (lambda given: {"rows": given.rows[:, :-1]}, "have rows of 49 columns, and there are 50 dofs"),
+     (lambda given: {"dependent": given.dependent[[0, 0]]}, "are 1, and have the dependent dofs"),
+     (lambda given: {"dependent": given.dependent + 50}, "no numbers from 0"),
+     (lambda given: {"dependent": given.dependent - 50}, "no numbers from 0"),
+     (lambda given: {"dependent": given.dependent * 1.0}, "no numbers from 0"),
+     (lambda given: {"values": np.ones((1, 1))}, r"right-hand sides of the shape \(1, 1\)"),
+     (lambda given: {"values": np.full(1, np.nan)}, "no finite numbers"),
+     (lambda given: {"values": np.ones(1) * 1j}, "no finite numbers"),
+     (lambda given: {"rows": given.rows * np.nan}, "no finite numbers"),
+     (lambda given: {"dependent": np.array([24])}, "one determines is not in it")],
+)  # fmt: skip
+def test_broken_equations_of_a_user_are_refused(changes, why):
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(pressed((Lever(0.0, changes),)))
 
 
 def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, apart=0.0, **ways):

@@ -237,6 +237,11 @@ def _worn_of_all(self):
     return my_gasket.Memory(closure=np.zeros(99))
 
 
+def _turned(self, rows):
+    """Areas of the ends of a row are alike: they tell an order apart where one end is left out."""
+    return dataclasses.replace(self, area=self.area[rows[::-1]], law=self.law[rows])
+
+
 GASKET_LIES = [
     (my_gasket.GasketStep, "linearised", _half, "not Newton's rows"),
     (my_gasket.GasketStep, "linearised", _off, "two values at one"),
@@ -245,6 +250,17 @@ GASKET_LIES = [
     (my_gasket.GasketStep, "curve_slopes", lambda self, c: np.zeros((c.size, 4)), "`slopes` are not"),
     (my_gasket.GasketRange, "at_rest", _worn_of_all, "Gasket: .*memory of"),
     (Gaskets, "within", lambda self, conditions: self, "memory of"),
+    (
+        Gaskets,
+        "within",
+        lambda self, rows: dataclasses.replace(self, area=self.area[: len(rows)], law=self.law[rows]),
+        "`within`",
+    ),
+    (Gaskets, "within", _turned, "`within`"),
+    (Gaskets, "parts", lambda self: [self.area, self.law], "answers depend on `linear`, and its `parts` do not"),
+    (Gaskets, "stored", lambda self, memory: {"closure": 0.0 * memory["closure"]}, "do not keep its memory"),
+    (Gaskets, "opened", lambda self, memory: 0.0, "bodies overlap"),
+    (my_gasket.GasketStep, "after", lambda self, forces, *at: my_gasket.Memory(closure=0.0 * forces), "bodies overlap"),
 ]
 
 
@@ -290,3 +306,26 @@ def test_the_contract_names_what_is_wrong_of_a_memory(name, value, wrong, monkey
     monkeypatch.setattr(my_contact_law.WearStep, name, value)
     with pytest.raises(AssertionError, match=wrong):
         check_contact_law(Wear(0.05))
+
+
+def _hardens(self, before, point, seconds):
+    """The depth per force falls as the contact is worn: forces read the memory beside the shift."""
+    return my_contact_law.WearStep(self.law.rate * seconds / (1.0 + 100.0 * before["worn"]), before["worn"])
+
+
+@needs("conformance")
+def test_a_memory_that_acts_beside_the_shift_has_no_gradient(monkeypatch):
+    """Derivatives of histories would leave it out, so that they are refused, or the contract says so."""
+    from hhr_dolfinx.testing import check_contact_law
+
+    monkeypatch.setattr(my_contact_law.WearRange, "step", _hardens)
+
+    monkeypatch.setattr("hhr_dolfinx.plugins.conformance.checks.compilable", lambda plugin: False)
+    with pytest.raises(AssertionError, match="by more than `shift`"):
+        check_contact_law(Wear(0.05))
+
+    def refused(self, *given):
+        raise NotOfferedError("no gradient of a wear that hardens")
+
+    monkeypatch.setattr(my_contact_law.WearStep, "carried", refused)
+    check_contact_law(Wear(0.05))

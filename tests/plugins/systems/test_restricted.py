@@ -532,3 +532,75 @@ def test_the_example_of_the_page(tmp_path):
         assert largest_difference(one.displacement(), other.displacement()) <= 1e-10
         assert np.abs(one.forces() - other.forces()).max() <= 1e-10
         assert largest_difference(one.gradient.unknown, other.gradient.unknown) <= 1e-8
+
+
+@dataclasses.dataclass(frozen=True)
+class Summed(MySystem):
+    """The sum of the template, with something changed."""
+
+    changes: object
+
+    def __call__(self, *given):
+        system = super().__call__(*given)
+        system.problem = dataclasses.replace(system.problem, **self.changes(system.problem))
+        return system
+
+
+TERMS = [
+    (lambda p: {"moduli": p.moduli[:1]}, "has 1 weights of 2 matrices"),
+    (lambda p: {"moduli": (p.moduli[0], Modulus("k", "1", p.moduli[1].names[::-1]))}, "must name all parameters"),
+    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1].toarray())}, "is no csr_matrix in the"),
+    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1][:-1])}, "is no csr_matrix in the"),
+    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.mass @ p.mass)}, "is no csr_matrix in the"),
+]
+
+
+@needs("conformance")
+@pytest.mark.parametrize(("changes", "why"), TERMS)
+def test_terms_that_do_not_go_together_are_refused(changes, why):
+    from hhr_dolfinx.testing import pressed_blocks
+
+    with pytest.raises(SceneError, match=why):
+        hhr.FullOrderModel(pressed_blocks({"k": (0.1, 20.0)}, system=Summed("k", changes)))
+
+
+class OfTheMiddle(MySystem):
+    """Leaves out that moduli of bodies are parameters."""
+
+    def __call__(self, problem, middle, made):
+        constant = dataclasses.replace(problem, moduli=(), stiffness_terms=(problem.own_stiffness,))
+        return super().__call__(constant, middle, made)
+
+
+@needs("conformance")
+@pytest.mark.parametrize("system", [MySystem, OfTheMiddle])
+def test_moduli_that_a_system_leaves_out_are_named(system, recwarn):
+    """Bodies of the modulus E answer alike for every E, which a warning says."""
+    from hhr_dolfinx.testing import BOX, LOWER_BODY, UPPER_BODY, pressed_blocks
+
+    bodies = hhr.Body(LOWER_BODY, "E", 0.3), hhr.Body(UPPER_BODY, 5.0, 0.3)
+    box = {"k": (0.1, 20.0), "E": (1.0, 4.0)}
+    full = hhr.FullOrderModel(pressed_blocks(box, bodies=bodies, system=system("k")))
+    said = [str(item.message) for item in recwarn if "K of its system does not" in str(item.message)]
+    point = {name: 0.5 * sum(ends) for name, ends in {**BOX, "k": (0.1, 20.0)}.items()}
+    soft, stiff = (full.solve({**point, "E": modulus}).forces() for modulus in (1.0, 4.0))
+    alike = np.abs(soft - stiff).max() <= 1e-12 * np.abs(stiff).max()
+    assert len(said) == alike == (system is OfTheMiddle)
+    assert all("depend on E" in words for words in said)
+
+
+@needs("conformance")
+@pytest.mark.parametrize("constraints", [False, True])
+def test_gaps_and_loads_of_another_problem_are_refused(constraints):
+    """They are compared with those of the scene, not with those of the system itself."""
+    from hhr_dolfinx.testing import pressed_blocks
+
+    left, right, _ = places()
+    more = {"constraints": (hhr.Equation(((left, 0, 1.0), (right, 0, -2.0))),)} if constraints else {}
+    for changes, what in (
+        (lambda p: {"gaps": 1.5 * p.gaps}, "the gaps"),
+        (lambda p: {"forces": 1.5 * p.forces}, "the loads"),
+        (lambda p: {"contact": 1.5 * p.contact}, "B"),
+    ):
+        with pytest.raises(SceneError, match=f"parts, and {what} of its equations"):
+            hhr.FullOrderModel(pressed_blocks({"k": (0.1, 20.0)}, system=Summed("k", changes), **more))
