@@ -174,7 +174,7 @@ def check_answers(model: KeptModel) -> None:
                 raise
             except Exception as error:  # user-defined classes may raise anything
                 why = f"{type(error).__name__}: {error}"
-                raise FileContentError(f"its parts do not go together: {why}") from error
+                raise FileContentError(f"its parts do not go together, or a class of a plug-in fails: {why}") from error
 
 
 def _try(model: KeptModel, point: np.ndarray) -> None:

@@ -442,7 +442,8 @@ def check_range(full: FullOrderModel, plugin: str) -> None:
     largest = max(np.abs(contact_at(point).free_slack).max() for point in full.parameters.random(4, 2))
     afterwards = []
     for one, chosen in ((whole, np.arange(whole.rows.size)), (part, some)):
-        drawn, random = np.random.default_rng(3), np.random.default_rng(6)
+        drawn = np.random.default_rng(3)  # alike for both
+        random = np.random.default_rng(6)
         solver = one.solver()
         stiffness = 1.0 / np.abs(np.diag(full.schur))[one.rows]
         memory = solver.at_rest()

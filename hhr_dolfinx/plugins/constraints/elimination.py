@@ -97,9 +97,9 @@ def eliminated(
         middle = _shares(given, free.size) if given.middle else middle
         part, left_out = _without_imposed(given, free)
         amplitude = bound(_amplitude_of(item), scene.parameters)
-        own = given.take(left_out)
+        alone = given.take(left_out)
         size = np.abs(given.values).max(initial=0.0)
-        _check_kept(scene, repr(item), own.rows, [Term(amplitude, csc_matrix(-own.values[:, None]))], size, imposed)
+        _check_kept(scene, repr(item), alone.rows, [Term(amplitude, csc_matrix(-alone.values[:, None]))], size, imposed)
         found.append((amplitude, part))
     found = _decided(scene, found, free, imposed)
     rows = csr_matrix(vstack([part.rows for _, part in found]))

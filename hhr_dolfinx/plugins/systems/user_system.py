@@ -183,7 +183,8 @@ def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
 
 def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> None:
     """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K of the bodies."""
-    terms, own = summed.stiffness_terms, given.own_stiffness
+    terms = summed.stiffness_terms
+    own = given.own_stiffness
     if len(summed.moduli) not in (0, len(terms)):
         raise SceneError(f"the system of scene '{name}' has {len(summed.moduli)} weights of {len(terms)} matrices")
     if any(one.names != given.parameters.names for one in summed.moduli):
