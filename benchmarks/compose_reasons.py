@@ -8,7 +8,7 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "full_order/discretisation.py:_with_laws": "own_contact_law+shape",
+    "plugins/shapes/reshaped.py:check": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
     "plugins/friction/pair_laws.py:check": "shape+tresca",
@@ -67,7 +67,7 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
-        "full_order/discretisation.py:_with_laws": (
+        "plugins/shapes/reshaped.py:check": (
             "Not built in: a force is a pressure times an area, which changes with the shape, and the law keeps the "
             "areas of one shape. A law of ratios of forces, such as Coulomb's, needs none."
         ),

@@ -25,7 +25,6 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
-from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Reductor
@@ -229,6 +228,8 @@ class HistoryCase:
 
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model along the path of the full one."""
+        from hhr_dolfinx.plugins.paths.compared import largest_errors
+
         exact, snapshots = checked.shown, SnapshotSet.of_histories(checked.training)
         with recorded_warnings() as doubts:
             model = build(full, snapshots, self.recipe)

@@ -393,7 +393,8 @@ def test_messages_name_options_that_are_there():
     """What an error or a warning advises must exist; options of other programs stand beside their names."""
     commands = command, *(command.get_command(None, name) for name in COMMANDS)
     known = {word for one in commands for item in one.params for word in (*item.opts, *item.secondary_opts)}
-    # the last ones are those of demos, and of the program mfront
+    # the last ones are those of demos, and of the programs mfront and clang
+    known |= {"--no-entry", "--strip-all"}
     known |= {"--user", "--help", "--quick", "--batch", "--cells", "--order", "--interface"}
     for path in Path(hhr.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):

@@ -175,20 +175,21 @@ def own(names):
 
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
 OF_NEITHER = {"kmedoids", "matplotlib", "pyvista", "sklearn"} | own(
-    "full_order.outputs plugins.elasticity.parts models.eliminations.block models.gradient models.many outputs "
+    "full_order.outputs models.eliminations.block models.gradient models.many outputs "
     "plugins.studies.plots reduction.starts sampling"
 )
 """Outputs, gradients, many parameters at once, stiffness that varies, samplings and pictures."""
 UNNEEDED = {
     "elastic": OF_NEITHER | {"shapely"} | own(
-        "formulas plugins.elasticity.gauss_points models.functionals.functional models.functionals.kinds"),
+        "formulas plugins.elasticity.gauss_points plugins.elasticity.parts models.functionals.functional "
+        "models.functionals.kinds"),
     "inelastic": OF_NEITHER | own("plugins.inelastic.history_gradient plugins.studies.points reduction.exact"),
 }  # fmt: skip
 """What a study of a scene does without: an elastic one on matching meshes, and one that flows."""
 OF_BOTH = {"checks", "differences", "small_strains", "studies", "theorems"}
 PLUGINS = {
     "elastic": OF_BOTH | {"baselines"},
-    "inelastic": OF_BOTH | {"inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},
+    "inelastic": OF_BOTH | {"elasticity", "inelastic", "mortar", "nonmatching", "paths", "programs", "volume_loads"},
 }
 """All plug-ins of which such a study loads more than the manifest."""
 
@@ -217,7 +218,7 @@ def test_a_scene_loads_what_it_names(study, tmp_path):
     python("-c", program, cwd=tmp_path)
     assert (tmp_path / "report.json").exists() and (tmp_path / "study.npz").exists()
     found = set((tmp_path / "modules").read_text().split())
-    assert "hhr_dolfinx.reduction.build" in found and not found & UNNEEDED[study]
+    assert "hhr_dolfinx.reduction.build" in found and found & UNNEEDED[study] == set()
     assert set(re.findall(r"hhr_dolfinx\.plugins\.(\w+)\.", "\n".join(found))) <= PLUGINS[study]
 
 

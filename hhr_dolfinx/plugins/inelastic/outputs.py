@@ -15,7 +15,6 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.models.histories.equilibrium import StressOutput
-from hhr_dolfinx.outputs import no_rows
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
@@ -46,6 +45,8 @@ class FlowMises(Functional):
 
 def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
     """Von Mises' stress of an output at the Gauss points of some cells."""
+    from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
+
     points = operator.points_of(cells)
     shares = operator.weights.ravel()[points]
     of_points = points.astype(np.int64), shares / shares.sum() if output.kind == "mean" else np.zeros(0)
@@ -95,6 +96,8 @@ class FlowEnergy(Functional):
 
 def energy(operator: StrainOperator, material: Material, output: NamedOutput) -> FlowEnergy:
     """Elastic energy of an output at all Gauss points."""
+    from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
+
     bodies = np.empty(material.gauss_points, dtype=np.int64)
     weights = operator.weights.flatten()
     factors: list[str] = []

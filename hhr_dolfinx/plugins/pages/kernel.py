@@ -86,7 +86,8 @@ def kernel_file(name: str) -> str:
 FREESTANDING = ("math.h", "stdlib.h", "string.h")
 """Headers of C that a compiler for WebAssembly lacks."""
 FLAGS = (
-    "--target=wasm32-freestanding",
+    "-target",
+    "wasm32-freestanding",
     *(
         "-std=c99",
         "-Os",
