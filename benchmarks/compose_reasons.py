@@ -53,16 +53,21 @@ _SMALL = {
     "plugins/inelastic/outside.py:program": _CODE,
     "plugins/sliding/slide.py:slide": _NO_MODULI,
 }
+_SUPPORTS = (
+    "S grows without limit where a foundation vanishes and contact alone holds the body: nothing interpolates it up to "
+    "that corner of the box."
+)
 _EXPORT = _SMALL | {
     "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
     "plugins/pages/arrays.py:check_model": (
         "Not built in: a page solves a problem with one B, and where surfaces slide past their mesh rows are made "
         "again in each increment, by searches on both surfaces."
     ),
-    "registry.py:facet": (
-        "A law of contacts is code in Python, and no rule translates it to JavaScript and C: its plug-in states its "
-        "increments there by the facet `page`, or has none."
+    "plugins/pages/laws.py:check_law": (
+        "Not built in: the kernel corrects inelastic bodies with one contact problem for each iterate, by an active "
+        "set or by friction; laws on ranges are solved there with elastic bodies alone."
     ),
+    "plugins/moduli/condense.py:_check_supports": _SUPPORTS,
 }
 
 REASONS: dict[str, dict[str, str]] = {
@@ -124,8 +129,12 @@ REASONS: dict[str, dict[str, str]] = {
     "condense": {
         **_SMALL,
         "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
+        "plugins/moduli/condense.py:_check_supports": _SUPPORTS,
     },
     "HHR": {
+        "linear/sparse.py:refactor": (
+            "Where a foundation vanishes and contact alone holds the body, K of a training point is singular."
+        ),
         "benchmarks": (
             "Not built in: a basis and a RID are those of one B, and where surfaces slide past their mesh B is made "
             "again in each increment. A training takes usual full models."
@@ -165,8 +174,9 @@ REASONS: dict[str, dict[str, str]] = {
 
 
 def reason(verb: str, place: str) -> str:
-    """Reason of a refusal by its verb, or by the full model; empty for a place that has none."""
-    return REASONS.get(verb, {}).get(place) or REASONS["full"].get(place, "")
+    """Reason of a refusal by its verb, by the full model, or by any solution; empty for a place that has none."""
+    own = REASONS.get(verb, {}).get(place) or REASONS["full"].get(place)
+    return own or REASONS["neutral"].get(place, "")
 
 
 def refused_pairs() -> dict[frozenset[str], str]:
