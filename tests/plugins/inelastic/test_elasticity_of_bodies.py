@@ -14,6 +14,7 @@ from scenes import block_scene, largest_difference, pressed_pair, slope
 from toy_law import Bingham
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import compat
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
@@ -295,7 +296,7 @@ def crowned(hypothesis, crown, **others):
 
     def geometry(comm):
         mesh, cells, facets = base.geometry(comm)
-        own = np.unique(mesh.geometry.dofmaps[0][cells.find(two_blocks.FIRST)])
+        own = np.unique(compat.geometry_dofmap(mesh)[cells.find(two_blocks.FIRST)])
         x, y = mesh.geometry.x[own, :2].T
         mesh.geometry.x[own, 1] = y + crown * y * (x - 1.3) ** 2
         return mesh, cells, facets
