@@ -76,6 +76,9 @@ class OfPoints:
     def require_linear(self, what: str) -> None:
         """Raise ReductionError for ``what``, which needs linear bodies, where bodies have laws."""
 
+    def require_completion(self) -> None:
+        """Raise NotOfferedError for a law of contacts that hyper-reduced models cannot complete outside the RID."""
+
     def check(self, name: str, solutions: object) -> SnapshotSet:
         """Raise ReductionError for solutions, called ``name``, of another problem or of other laws."""
         known = check_of_problem(name, solutions, self.full.problem)

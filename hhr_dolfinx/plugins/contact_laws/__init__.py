@@ -27,7 +27,6 @@ PLUGIN = Plugin(
     facets={"steps": f"{_HERE}.steps:STEPS", "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes"},
     tools={
         "laws": f"{_HERE}.interface:joint",
-        "reduced_law": f"{_HERE}.reduction:completed",
         "reduction": f"{_HERE}.reduction:kind_of_contacts",
     },
 )

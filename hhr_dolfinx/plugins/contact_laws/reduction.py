@@ -81,9 +81,13 @@ class OfContactLaws(OfPoints):
         """Fits of forces take all rows."""
         return f"contact with {self.full.law.name}"
 
+    def require_completion(self) -> None:
+        """Refuse a law without ranges, and laws on ranges of inelastic bodies."""
+        completed(self.full)
+
     def check(self, name: str, solutions: object) -> SnapshotSet:
         """Refuse laws that hyper-reduced models cannot complete, too."""
-        completed(self.full)
+        self.require_completion()
         return super().check(name, solutions)
 
 

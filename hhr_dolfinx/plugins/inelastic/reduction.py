@@ -150,8 +150,7 @@ class OfInelasticBodies(OfHistories):
     def check(self, name: str, solutions: object) -> SnapshotSet:
         """Raise ReductionError for solutions that are no histories, or those of elastic bodies or another mesh."""
         problem = self.full.problem
-        if self.full.law.plugin:
-            registry.tool("reduced_law", "a reduced model")(self.full)
+        self.contacts.require_completion()
         if problem.reshaped is not None:
             raise NotOfferedError(
                 "hyper-reduction is not built in for bodies with laws whose shape depends on parameters: weights of "
