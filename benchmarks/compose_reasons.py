@@ -19,12 +19,11 @@ REFUSED = {
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
     "plugins/sliding/slide.py:_check": "double_pass+sliding own_contact_law+sliding",
     "plugins/sliding/slide.py:_check_bodies": (
-        "external_law+sliding norton+sliding orthotropic+sliding own_body_law+sliding shape+sliding sliding+voce"
+        "external_law+sliding norton+sliding own_body_law+sliding shape+sliding sliding+voce"
     ),
     "plugins/sliding/slide.py:slide": "floating+sliding",
     "scene.py:_check_system": (
-        "external_law+own_system norton+own_system orthotropic+own_system own_body_law+own_system "
-        "own_system+shape own_system+voce"
+        "external_law+own_system norton+own_system own_body_law+own_system own_system+shape own_system+voce"
     ),
 }
 """Pairs that the full model refuses, by the place that refuses them: all pairs are tried, and no others are refused."""

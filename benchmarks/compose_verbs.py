@@ -212,7 +212,7 @@ class Case:
     @cached_property
     def inelastic(self) -> bool:
         """True if a body has a law."""
-        return any(body.law is not None for body in self.scene.bodies)
+        return bool(self.scene.reader)
 
     @cached_property
     def remembers(self) -> bool:

@@ -95,9 +95,9 @@ def stiffness(
 
 
 def stiffness_of_law(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
-    """Bilinear form as :func:`stiffness` with a user-defined stress as a function of the strain, both 3x3."""
+    """Bilinear form as :func:`stiffness` with a linear stress of the strain, both 3x3, of :func:`law_in`."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
-    return weight * ufl.inner(law_in(stress_of, hypothesis)(strain(u, hypothesis)), strain(v, hypothesis)) * dx
+    return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx
 
 
 def law_in(stress_of: Callable[[Expr], Expr], hypothesis: str) -> Callable[[Expr], Expr]:

@@ -21,8 +21,11 @@ class LawsOfScenes(Protocol):
     def check_body(self, body: Body) -> None:
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
 
-    def check_scene(self, scene: Any) -> None:
-        """Raise SceneError for a :class:`~hhr_dolfinx.scene.Scene` with such bodies whose other parts do not fit."""
+    def linear_stress(self, law: object) -> Callable[[Any], Any] | None:
+        """Stress of a law that is linear elasticity, as :attr:`Body.stress`; None for any other law."""
+
+    def check_hypothesis(self, law: object, hypothesis: str) -> None:
+        """Raise SceneError for a law that no body can have under a hypothesis, such as plane strain."""
 
     def parameters_of(self, law: object) -> set[str]:
         """Names of the parameters on which a law depends."""
@@ -75,8 +78,8 @@ class Body(KnownArguments):
                 )
         if self.grading is not None and not callable(self.grading):
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
-        if self.reader:
-            laws_of_scenes(self.reader).check_body(self)
+        if self.law is not None:
+            laws_of_scenes(self.plugin).check_body(self)
         if remedy := _remedy_of_constants(self.young, self.poisson):
             raise SceneError(
                 f"body {self.tag}: young = {self.young} must be positive and finite, and poisson = {self.poisson} "
@@ -102,9 +105,21 @@ class Body(KnownArguments):
         return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
 
     @property
-    def reader(self) -> str:
-        """Name of the plug-in that reads the law, empty for an elastic body; SceneError if none does."""
+    def plugin(self) -> str:
+        """Name of the plug-in that reads the law, empty without one; SceneError if none does."""
         return "" if self.law is None else registry.reader_of(self.law, f"body {self.tag}")
+
+    @property
+    def own_stress(self) -> Callable[[Any], Any] | None:
+        """Linear elasticity that is not Hooke's: :attr:`stress`, or that of a law which is linear; None for others."""
+        if self.law is None or self.grading is not None:
+            return self.stress
+        return laws_of_scenes(self.plugin).linear_stress(self.law)
+
+    @property
+    def reader(self) -> str:
+        """Name of the plug-in that solves for the law, empty for a body that is linearly elastic."""
+        return "" if self.own_stress is not None else self.plugin
 
     @property
     def varies(self) -> bool:
@@ -115,8 +130,10 @@ class Body(KnownArguments):
         """Elastic constants that are formulas, bound to the names of the parameters."""
         return tuple(Limits(name, text, names) for name in RANGES if isinstance(text := getattr(self, name), str))
 
-    def check(self, parameters: ParameterSpace) -> None:
-        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box."""
+    def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
+        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box, or a law in a hypothesis."""
+        if self.law is not None:
+            laws_of_scenes(self.plugin).check_hypothesis(self.law, hypothesis)
         for name, remedy in (
             ("young", "Young's modulus must be positive everywhere in the box: narrow it"),
             ("poisson", "keep Poisson's ratio in (-1, 0.5), or narrow the box"),

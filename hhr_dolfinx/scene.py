@@ -16,7 +16,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
-from hhr_dolfinx.body import Body, laws_of_scenes
+from hhr_dolfinx.body import Body
 from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.forms import elasticity
@@ -197,12 +197,9 @@ class Scene(KnownArguments):
         if not self.bodies:
             raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
         for body in self.bodies:
-            if body.varies:
-                body.check(self.parameters)
+            body.check(self.parameters, self.hypothesis)
         self._check_system()
         self._check_shapes()
-        if self.reader:
-            laws_of_scenes(self.reader).check_scene(self)
         if not self.contacts:
             raise SceneError(
                 f"scene '{self.name}': a scene without contact pairs is a linear problem: nothing to hyper-reduce. "
@@ -295,9 +292,20 @@ class Scene(KnownArguments):
         """True if answers depend on the path that leads to them."""
         return bool(self.remembers or self.reader)
 
+    def own_stress(self, body: Body) -> Callable[[Any], Any] | None:
+        """Linear elasticity of a body that is not Hooke's, under the hypothesis; None for Hooke's, and for laws.
+
+        A function of the strain, both 3x3, in UFL. Beside bodies that flow, a linear law is solved for as theirs are.
+        """
+        if body.stress is None and (body.law is None or self.reader):
+            return None
+        stated = body.own_stress
+        assert stated is not None  # a law that is not linear has a reader
+        return elasticity.law_in(stated, self.hypothesis)
+
     @cached_property
     def reader(self) -> str:
-        """Name of the plug-in that reads the laws of bodies, empty if all are elastic; SceneError for several."""
+        """Name of the plug-in that solves for laws of bodies, empty if all are elastic; SceneError for several."""
         readers = sorted({body.reader for body in self.bodies} - {""})
         if len(readers) > 1:
             raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")

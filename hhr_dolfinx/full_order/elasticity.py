@@ -85,8 +85,8 @@ class ConstantElasticity:
         """
         hypothesis = space.scene.hypothesis
         body = space.scene.bodies[place]
-        if body.stress is not None:
-            return elasticity.law_in(body.stress, hypothesis)(elasticity.strain(field, hypothesis))
+        if (stress_of := space.scene.own_stress(body)) is not None:
+            return stress_of(elasticity.strain(field, hypothesis))
         return elasticity.stress(field, space.constant(body.young), space.constant(body.poisson), hypothesis)
 
     def stress_in_cells(self, space: DiscreteSpace, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
@@ -119,8 +119,8 @@ class ConstantElasticity:
 def _form(space: DiscreteSpace, body: Body) -> ufl.Form:
     dx = space.cells(body.tag)
     hypothesis = space.scene.hypothesis
-    if body.stress is not None:
-        return elasticity.stiffness_of_law(*space.arguments, body.stress, hypothesis, dx)
+    if (stress_of := space.scene.own_stress(body)) is not None:
+        return elasticity.stiffness_of_law(*space.arguments, stress_of, hypothesis, dx)
     moduli = space.constant(body.young), space.constant(body.poisson)
     return elasticity.stiffness(*space.arguments, *moduli, hypothesis, dx)
 
@@ -147,16 +147,18 @@ def elasticity_of(space: DiscreteSpace) -> ConstantElasticity:
         NotOfferedError: for bodies or loads that need a plug-in, which is missing.
     """
     scene = space.scene
-    more = [f"body {body.tag}" for body in scene.bodies if not _is_constant(body, scene.hypothesis)]
+    more = [f"body {body.tag}" for body in scene.bodies if not _is_constant(body, scene)]
     more += [repr(load) for load in scene.loads if hasattr(load, "stiffness") or hasattr(load, "eigenstrain_of")]
     return (_of_plugin(scene, more[0]) if more else ConstantElasticity)(scene, *space.cells_and_order)
 
 
-def _is_constant(body: Body, hypothesis: str) -> bool:
-    """True unless a body has a law, a grading, formulas, or is nearly incompressible."""
+def _is_constant(body: Body, scene: Scene) -> bool:
+    """True unless a body flows, has a grading, formulas, or is nearly incompressible."""
+    if scene.own_stress(body) is not None:
+        return True
     if body.law is not None or body.grading is not None or body.varies:
         return False
-    return body.stress is not None or hypothesis == "plane_stress" or float(body.poisson) <= NEARLY_INCOMPRESSIBLE
+    return scene.hypothesis == "plane_stress" or float(body.poisson) <= NEARLY_INCOMPRESSIBLE
 
 
 def _of_plugin(scene: Scene, item: str) -> type[ConstantElasticity]:

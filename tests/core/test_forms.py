@@ -254,10 +254,3 @@ def test_plane_stress_of_any_linear_law_has_no_stress_across():
 def test_what_is_not_built_in_is_refused(change, message):
     with pytest.raises(SceneError, match=message):
         hhr.Body(block.SOLID, **({"young": 1.0, "poisson": 0.3, "stress": hooke} | change))
-
-
-@needs("stress")
-def test_outputs_that_need_moduli():
-    scene = with_bodies(pressed_block("plane_strain"), stress=hooke)
-    with pytest.raises(SceneError, match=r"output 'stress': body .* has a stress of its own"):
-        hhr.FullOrderModel(dataclasses.replace(scene, outputs=(hhr.VonMises("stress", block.SOLID),)))

@@ -66,7 +66,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
     full.problem.require_parts("an estimate of the error of the mesh")
     discretisation = full.discretisation
     scene = full.scene
-    if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):
+    if full.comm.size > 1 or full.equilibrium is not None or any(map(scene.own_stress, scene.bodies)):
         raise NotOfferedError(
             "the error of the mesh is estimated for elastic bodies, on one rank: give a model on MPI.COMM_SELF, of a "
             "scene without user-defined laws"

@@ -47,9 +47,8 @@ def eigenstress(
         return [(Formula("1"), np.zeros(discretisation.size))]
     hypothesis = scene.hypothesis
     dx = discretisation.cells(tag)
-    if body.stress is not None:
-        own = elasticity.law_in(body.stress, hypothesis)(strain)
-        work = ufl.inner(own, elasticity.strain(discretisation.arguments[1], hypothesis))
+    if (stress_of := scene.own_stress(body)) is not None:
+        work = ufl.inner(stress_of(strain), elasticity.strain(discretisation.arguments[1], hypothesis))
         return [(Formula("1"), vector(elasticity.volume_weight(discretisation.mesh, hypothesis) * work * dx))]
     if discretisation.mean_dilatation[place]:  # the strain at the points at which the body evaluates its strain
         dx = dx(degree=degree_of(discretisation))

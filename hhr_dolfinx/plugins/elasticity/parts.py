@@ -110,8 +110,8 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     hypothesis = discretisation.scene.hypothesis
     dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
-    if body.stress is not None:
-        return elasticity.stiffness_of_law(trial, test, body.stress, hypothesis, dx)
+    if (stress_of := discretisation.scene.own_stress(body)) is not None:
+        return elasticity.stiffness_of_law(trial, test, stress_of, hypothesis, dx)
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
     weights = [discretisation.constant(value) for value in moduli]
     stress = sum(weight * part for weight, part in zip(weights, (volume, shape), strict=True) if float(weight.value))

@@ -101,9 +101,9 @@ class VaryingElasticity(ConstantElasticity):
         hypothesis = scene.hypothesis
         body = scene.bodies[place]
         eigenstrain = eigenstrain_at(space, place, point)
-        if body.stress is not None:
+        if (stress_of := scene.own_stress(body)) is not None:
             strain = elasticity.strain(field, hypothesis)
-            return elasticity.law_in(body.stress, hypothesis)(strain if eigenstrain is None else strain - eigenstrain)
+            return stress_of(strain if eigenstrain is None else strain - eigenstrain)
         moduli: list[Any] = [body.young, body.poisson]
         if body.varies:
             moduli = [Scalar(str(text), scene.parameters.names).value(point) for text in moduli]

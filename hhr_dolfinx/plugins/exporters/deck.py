@@ -54,11 +54,11 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "cells of second order have nodes in the middle of faces": (
             discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR
         ),
-        "bodies flow": any(body.law is not None for body in scene.bodies),
+        "bodies flow": bool(scene.reader),
         "K is that of a user's system": scene.system is not None,
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
-        "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
+        "bodies have a stress of their own": any(map(scene.own_stress, scene.bodies)),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
         "a contact has a law with a limit": any(_in_deck(law).limited(law) for law in scene.laws if law is not None),
         "displacements follow others by constraints": bool(scene.constraints),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import ParameterError, SceneError
 
 if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.parameters import ParameterSpace
 
@@ -204,8 +206,17 @@ class _LawsOfScenes:
                 "strengths grow with the moduli is not stated. Write it into the law, and leave the grading out"
             )
 
-    def check_scene(self, scene: Any) -> None:
-        """All other parts of a scene fit."""
+    def linear_stress(self, law: Any) -> Callable[[Expr], Expr] | None:
+        """Stress of a law that states it as a function of the strain, both (3, 3), in UFL; None for any other law."""
+        found: Callable[[Expr], Expr] | None = getattr(law, "linear_stress", None)
+        return found
+
+    def check_hypothesis(self, law: Any, hypothesis: str) -> None:
+        """Raise SceneError for a law in a frame that turns the axis across the plane."""
+        if hypothesis != "solid" and hasattr(law, "frame"):
+            from hhr_dolfinx.forms.laws import rotation
+
+            rotation(law.frame, 4)
 
 
 SCENES = _LawsOfScenes()

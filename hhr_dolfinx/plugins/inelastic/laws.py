@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -353,6 +354,15 @@ class Orthotropic(_Framed):
             stiff[1, 2] = -third / two
             if not (np.linalg.eigvalsh(stiff, UPLO="U") > 0).all():
                 raise SceneError("the ratios of Orthotropic are impossible: strains would have negative energies")
+
+    def linear_stress(self, strain: Expr) -> Expr:
+        """Stress as a function of the strain, both (3, 3), in UFL."""
+        from hhr_dolfinx.forms.elasticity import kelvin, of_kelvin
+        from hhr_dolfinx.forms.laws import At, orthotropic
+
+        none = SimpleNamespace()
+        at = At(kelvin(strain, "solid"), none, none, 0.0, SimpleNamespace(**self.constants()))
+        return of_kelvin(orthotropic(at, self.frame).stress)
 
     @classmethod
     def transverse(

@@ -93,13 +93,12 @@ def _shares(problem: ContactProblem) -> np.ndarray:
 def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     """Strains of the cells of triangles, (t,).
 
-    None if a stress is more than moduli times strain: for bodies that are inelastic, change their shape or have a
-    user-defined elasticity, for anisotropic strains without stress, or with too many cells.
+    None if a stress is more than moduli times strain: for bodies that are inelastic or change their shape, for
+    anisotropic strains without stress, or with too many cells.
     """
     scene = full.scene
     drawn, places = np.unique(cells, return_inverse=True)
-    own = full.equilibrium is not None or scene.shapes or any(body.stress is not None for body in scene.bodies)
-    if own or len(drawn) > STRAINED or _stressed_at_rest(full):
+    if full.equilibrium is not None or scene.shapes or len(drawn) > STRAINED or _stressed_at_rest(full):
         return None
     discretisation = full.discretisation
     bodies = discretisation.group.joined(discretisation.cell_bodies())[drawn]
@@ -115,7 +114,7 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
         values = (strain * grading[:, None, None]).ravel()
         rows = rows + coo_matrix((values, (numbers.ravel(), columns.ravel())), shape=rows.shape).tocsr()
     rows.eliminate_zeros()
-    moduli = tuple(moduli_of(body, scene.hypothesis) for body in scene.bodies)
+    moduli = tuple(moduli_of(body, scene) for body in scene.bodies)
     return Strains(places.astype(np.int64), bodies.astype(np.int64), rows, moduli, scene.hypothesis == "plane_stress")
 
 

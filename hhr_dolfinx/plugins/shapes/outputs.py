@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.outputs import prepared_outputs, probe_of
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.outputs import ModelProbe, Output
 from hhr_dolfinx.plugins.shapes.cells import MovingCells
 from hhr_dolfinx.plugins.shapes.functionals import MovingMises, OverShapes
+from hhr_dolfinx.plugins.stress.kinds import Mises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
@@ -74,7 +76,14 @@ class MovingProbe(ModelProbe):
     def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
         """Von Mises' stress of cells that move."""
         discretisation = self.discretisation
-        mean = bool(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells[0]]])
+        place = int(discretisation.cell_bodies()[cells[0]])
+        body = discretisation.scene.bodies[place]
+        if type(found) is not Mises or discretisation.scene.own_stress(body) is not None:
+            raise SceneError(
+                f"output '{found.name}': body {body.tag} has an elasticity of its own, or a strain that causes no "
+                "stress, for whose von Mises' stress shapes are not built in: leave the output out"
+            )
+        mean = discretisation.mean_dilatation[place]
         return MovingMises(
             **{item.name: getattr(found, item.name) for item in fields(found)}, cells=self.moving(cells, mean)
         )

@@ -124,7 +124,7 @@ def _check(scene: Scene) -> None:
 def _check_bodies(scene: Scene) -> None:
     """Raise SceneError for bodies whose deformation is more than a compliance of their surfaces."""
     for body in scene.bodies:
-        if body.law is not None:
+        if body.reader:
             raise SceneError(
                 f"body {body.tag} of scene '{scene.name}' has a law, {body.law!r}, that is not built in where surfaces "
                 "slide past their mesh: increments that pair them again solve for contact forces by a compliance, "

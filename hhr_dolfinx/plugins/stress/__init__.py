@@ -9,6 +9,6 @@ PLUGIN = Plugin(
     optional=("elasticity",),
     public=_OUTPUTS,
     parts={"outputs": _OUTPUTS},
-    classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises StoredEnergy"},
+    classes={"hhr_dolfinx.plugins.stress.kinds": "Energy Mises StoredEnergy StrainedMises"},
     switches={"hhr_dolfinx.plugins.stress.switches": "energy von_mises"},
 )

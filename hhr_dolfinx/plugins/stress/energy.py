@@ -128,20 +128,20 @@ def _strain_energies(discretisation: Discretisation, output: NamedOutput) -> Ite
     loads = [load for load in discretisation.scene.loads if hasattr(load, "eigenstrain_of")]
     for place, body in enumerate(discretisation.scene.bodies):
         given = [load.eigenstrain_of(body.tag, mesh) for load in loads]
-        strains = [(_text(amplitude, output), strain) for amplitude, strain in filter(None, given)]
+        strains = [(text_of(amplitude, output), strain) for amplitude, strain in filter(None, given)]
         for (first, own), (second, other) in product(strains, repeat=2):
             for modulus, energy in _energies(discretisation, place, own, other):
                 yield f"({first}) * ({second}) * ({modulus})", energy
 
 
-def _text(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
-    """An amplitude as a formula."""
+def text_of(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
+    """An amplitude of a strain as a formula."""
     if not isinstance(amplitude, Amplitude):
         return amplitude.text
     wrong = [name for name in amplitude.slopes if not name.isidentifier()]
     if wrong:
         raise SceneError(
-            f"output '{output.name}': the energy of a strain squares its amplitude in a formula, where names of "
+            f"output '{output.name}': it needs the amplitude of a strain in a formula, where names of "
             f"parameters are words: {wrong[0]!r} is none"
         )
     slopes = (f"({float(slope)!r}) * {name}" for name, slope in amplitude.slopes.items())
@@ -167,8 +167,8 @@ def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr
         form = compat.jitted(fem.form, weight * ufl.inner(stress, strain) / 2 * dx)
         return float(sum(discretisation.group.gathered(float(fem.assemble_scalar(form)))))
 
-    if body.stress is not None:
-        yield "1", energy(elasticity.law_in(body.stress, hypothesis)(own), other)
+    if (stress_of := scene.own_stress(body)) is not None:
+        yield "1", energy(stress_of(own), other)
         return
     if discretisation.mean_dilatation[place]:
         dx = dx(degree=degree_of(discretisation))

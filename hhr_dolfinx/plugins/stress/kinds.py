@@ -83,6 +83,33 @@ class Mises(Functional):
 
 
 @dataclass(frozen=True, eq=False)
+class StrainedMises(Mises):
+    """Von Mises' stress of cells with strains ε0 that cause no stress, which are subtracted from the strain."""
+
+    amplitudes: tuple[str, ...]  # of the strains ε0 as formulas, (e,)
+    rest: Annotated[Floats, "rows", "amplitudes"]  # what the rows would measure of ε0 for an amplitude 1, (k, e)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self._amplitudes
+
+    @cached_property
+    def _amplitudes(self) -> tuple[Scalar, ...]:
+        return tuple(Scalar(text, tuple(self.names)) for text in self.amplitudes)
+
+    def _stress(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        values = [amplitude.value(state.point) for amplitude in self._amplitudes]
+        return super()._stress(state._replace(measured=state.measured - self.rest @ values))
+
+    def slopes(self, state: State) -> Slopes:
+        """Slopes by the chain rule, also through the amplitudes."""
+        found = super().slopes(state)
+        along = found.measured @ self.rest
+        changes = [amplitude.derivative(state.point) for amplitude in self._amplitudes]
+        return found._replace(point=found.point - along @ np.array(changes))
+
+
+@dataclass(frozen=True, eq=False)
 class Energy(Functional):
     """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 

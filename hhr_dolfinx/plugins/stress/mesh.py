@@ -13,15 +13,16 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.forms.elasticity import strain_vector
 from hhr_dolfinx.full_order.outputs import cells_of_body
 from hhr_dolfinx.models.functionals.functional import Functional
-from hhr_dolfinx.plugins.stress.kinds import Mises
+from hhr_dolfinx.plugins.stress.energy import text_of
+from hhr_dolfinx.plugins.stress.kinds import Mises, StrainedMises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import ModelProbe
+    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
+    from hhr_dolfinx.scene import Scene
 
 
 def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: Any) -> np.ndarray:
@@ -57,8 +58,6 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
     if laws is not None:
         return laws.mises(output, cells)
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
-    if discretisation.scene.bodies[place].stress is not None:
-        raise SceneError(f"output '{output.name}': body {output.tag!r} has a stress of its own: ask answer.stress()")
     strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, place)
     count, components, _ = strain.shape
     rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)
@@ -67,17 +66,28 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
     matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
     body = discretisation.scene.bodies[place]
     scene = discretisation.scene
-    moduli = moduli_of(body, scene.hypothesis)
+    moduli = moduli_of(body, scene)
     flat = scene.hypothesis == "plane_stress"
     shares = volumes / volumes.sum() if mean else np.zeros(0)
     names = scene.parameters.names
-    return probe.on_cells(Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares), cells)
+    given = output.name, output.unit, *matrix, names, *moduli, flat, factors, shares
+    amplitudes, rest = _at_rest(discretisation, cells, place, output)
+    if flat or scene.own_stress(body) is not None or _deviates(rest):
+        found = StrainedMises(*given, amplitudes, rest.reshape(count * components, -1)) if amplitudes else Mises(*given)
+    else:  # a change of volume has no part in it
+        found = Mises(*given)
+    return probe.on_cells(found, cells)
 
 
-def moduli_of(body: Body, hypothesis: str) -> tuple[str, str]:
-    """λ' and μ' of a body as expressions of the parameters, see :func:`elasticity.isotropic_parts`."""
+def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
+    """λ' and μ' of a body as expressions of the parameters, see :func:`elasticity.isotropic_parts`.
+
+    Where elasticity is not Hooke's, those that leave the stress of :func:`strains_of_cells` as it is.
+    """
+    if scene.own_stress(body) is not None:
+        return "0", "0.5"
     young = _text(body.young)
-    volume, shape = elasticity.unit_moduli(_text(body.poisson), hypothesis)
+    volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
     return f"({young}) * ({volume})", f"({young}) * ({shape})"
 
 
@@ -94,17 +104,50 @@ def _own_cells(discretisation: DiscreteSpace) -> int:
 def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> list[np.ndarray]:
     """Strain in the middles of cells of a body, its dofs, the factor of the modulus, and the volumes. Collective.
 
-    (c, components, k), (c, k), (c,), (c,); the strain has the mean dilatation of the cells if the body uses it.
+    (c, components, k), (c, k), (c,), (c,); the strain has the mean dilatation of the cells if the body uses it. Where
+    the elasticity is not Hooke's it is the stress, whose factor is 1.
 
     Args:
         discretisation: the mesh.
         cells: increasing, in the order of ``cell_nodes``, (c,).
         place: index of the body in the scene.
     """
-    first = sum(discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number])
-    own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
-    parts = discretisation.group.gathered(_tabulated(discretisation, own.astype(np.int32), place))
+    own = _of_rank(discretisation, cells).astype(np.int32)
+    parts = discretisation.group.gathered(_tabulated(discretisation, own, place))
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
+def _at_rest(
+    discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: NamedOutput
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Strains that cause no stress: amplitudes as formulas, (e,), and what the rows measure, (c, components, e)."""
+    mesh = discretisation.mesh
+    scene = discretisation.scene
+    body = scene.bodies[place]
+    loads = [load for load in scene.loads if hasattr(load, "eigenstrain_of")]
+    given = [found for load in loads if (found := load.eigenstrain_of(body.tag, mesh)) is not None]
+    stress_of = scene.own_stress(body) or (lambda strain: strain)
+    own = _of_rank(discretisation, cells).astype(np.int32)
+    middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
+    one = discretisation.constant(1.0)  # a strain that is a number has no mesh
+    tables = [np.zeros((len(own), 6 if scene.hypothesis == "solid" else 4, 0))]
+    for _, strain in given:
+        measured = elasticity.kelvin(stress_of(one * strain), scene.hypothesis)
+        table = compat.jitted(fem.Expression, measured, middle).eval(mesh, own)
+        tables.append(table.reshape(len(own), -1, 1))
+    rest = np.concatenate(discretisation.group.gathered(np.concatenate(tables, axis=2)))
+    return tuple(text_of(amplitude, output) for amplitude, _ in given), rest
+
+
+def _deviates(tensors: np.ndarray) -> bool:
+    """True unless all tensors, (c, components, e), are the same in all directions."""
+    return bool((tensors[:, :2] != tensors[:, 2:3]).any() or tensors[:, 3:].any())
+
+
+def _of_rank(discretisation: DiscreteSpace, cells: np.ndarray) -> np.ndarray:
+    """Those of some increasing cells that this rank has, by its own numbers."""
+    first = sum(discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number])
+    return cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
 
 
 def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
@@ -117,7 +160,11 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     dim = mesh.geometry.dim
     components = 6 if hypothesis == "solid" else 4
     blocks = space.dofmap.list[cells]
-    table = compat.jitted(fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), middle).eval(mesh, cells)
+    body = discretisation.scene.bodies[place]
+    measured = elasticity.strain(ufl.TrialFunction(space), hypothesis)
+    if (stress_of := discretisation.scene.own_stress(body)) is not None:
+        measured = stress_of(measured)
+    table = compat.jitted(fem.Expression, elasticity.kelvin(measured, hypothesis), middle).eval(mesh, cells)
     strain = table.reshape(len(cells), components, dim * blocks.shape[1])
     if discretisation.mean_dilatation[place]:
         from hhr_dolfinx.plugins.elasticity.gauss_points import tabulated
@@ -126,7 +173,6 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
         mean = tabulated(discretisation, cells).gradients[:, 0, :3].sum(axis=1)
         strain[:, :3] += ((mean - strain[:, :3].sum(axis=1)) / 3)[:, None]
     grading = np.ones(len(cells))
-    body = discretisation.scene.bodies[place]
     if body.grading is not None:
         from hhr_dolfinx.plugins.elasticity.parts import grading_of
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from condensing import apart
 from needs import present
-from scenes import pressed_pair
+from scenes import pressed_block, pressed_pair
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import ReductionError, SceneError
 from hhr_dolfinx.forms.laws import Stated, hooke, trace
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
@@ -47,11 +47,13 @@ def path(push, slide, *young):
 def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     """Forces, displacements and stress of other histories than those of training, to the residual of full steps, 1e-12
     of the forces; from a file to round-off. Beside wood the other body is wood too, or elastic with E as a parameter.
+    Its grading has wood solved for as bodies that flow are.
     """
-    other = hhr.Body(SECOND, "E", 0.3) if second == "modulus" else hhr.Body(SECOND, 4.0, 0.3, WOOD)
+    graded_wood = {"law": WOOD, "grading": lambda x: 1 + x[1] / 4}
+    other = hhr.Body(SECOND, "E", 0.3) if second == "modulus" else hhr.Body(SECOND, 4.0, 0.3, **graded_wood)
     box, young = ({"E": (2.0, 6.0)}, (3.0,)) if second == "modulus" else ({}, ())
     outputs = (hhr.LargestPressure("peak", 0), *((hhr.ElasticEnergy("energy"),) if present("stress") else ()))
-    bodies = hhr.Body(FIRST, 4.0, 0.3, WOOD), other
+    bodies = hhr.Body(FIRST, 4.0, 0.3, **graded_wood), other
     full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, box, cells=3, outputs=outputs))
     training = full.march(path(0.03, 0.0, *(2.5,) * len(young)), EXACT)
     model = hhr.build(full, hhr.SnapshotSet.of_histories([training]), CorrectionSettings())
@@ -68,6 +70,38 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     hhr.save_model(tmp_path / "wood.npz", model)
     kept = hhr.load_model(tmp_path / "wood.npz").march(tried, EXACT)
     assert max(apart(kept, found, ("displacement", "forces", "stress"))) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore:body .* has a law, and its cells")
+@pytest.mark.parametrize("cells", ["thin", "of_second_order", "solid"])
+def test_wood_is_elastic_from_the_start(cells):
+    """As the same law at Gauss points, of which a grading of 1 makes use: forces, displacements, energy to round-off.
+
+    Cells are those that have no mean dilatation beside a law, so that both integrate the same stress.
+    """
+    hypothesis = {"thin": "plane_stress", "of_second_order": "plane_strain", "solid": "solid"}[cells]
+    scene = pressed_block(hypothesis, simplices=cells == "solid", cells=2)
+    outputs = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
+    order = 2 if cells == "of_second_order" else 1
+    found, kinds = [], []
+    for grading in (None, lambda x: 1.0):
+        body = dataclasses.replace(scene.bodies[0], law=WOOD, grading=grading)
+        full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=(body,), outputs=outputs, order=order))
+        kinds.append(full.equilibrium is None)
+        found.append(full.march([(0.0, scene.parameters.lower), (1.0, scene.parameters.upper)], EXACT).answers[-1])
+    elastic, by_points = found
+    assert kinds == [True, False]
+    assert elastic.forces().sum() > 0.1
+    for one, other in zip(*((item.forces(), item.displacement()) for item in found), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10 * np.abs(other).max())
+    assert dict(elastic.outputs()) == pytest.approx(dict(by_points.outputs()), rel=1e-9)
+
+
+def test_a_frame_across_the_plane_is_refused_at_the_door():
+    """Shear across a plane body would move it out of its plane, which it cannot."""
+    across = dataclasses.replace(WOOD, frame=((0.8, 0.0, 0.6), (0.0, 1.0, 0.0), (-0.6, 0.0, 0.8)))
+    with pytest.raises(SceneError, match="turns the axis across the plane"):
+        pressed_pair("plane_strain", (hhr.Body(FIRST, 4.0, 0.3, across), (4.0, 0.3)), cells=2)
 
 
 def test_laws_that_could_flow_are_refused_where_they_did_not():
