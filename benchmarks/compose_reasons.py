@@ -8,14 +8,11 @@ refuses, so that its reasons come first.
 from __future__ import annotations
 
 REFUSED = {
-    "plugins/shapes/reshaped.py:check": "own_contact_law+shape",
+    "plugins/shapes/reshaped.py:_check_areas": "own_contact_law+shape",
     "plugins/constraints/couplings.py:equations": "axisymmetric+rigid_motion",
     "plugins/constraints/elimination.py:_check_kept": "directed+preload",
-    "plugins/friction/pair_laws.py:check": "shape+tresca",
     "plugins/inelastic/outside.py:statement": "external_law+plane_stress",
-    "plugins/shapes/reshaped.py:_check_unmoved": (
-        "bedding+shape mean_motion+shape periodic+shape rigid_motion+shape serendipity+shape"
-    ),
+    "plugins/shapes/reshaped.py:_check_constraints": "mean_motion+shape rigid_motion+shape",
     "plugins/shapes/reshaped.py:check_still": "moving_circle+shape",
     "plugins/sliding/slide.py:_check": "double_pass+sliding own_contact_law+sliding",
     "plugins/sliding/slide.py:_check_bodies": (
@@ -71,9 +68,9 @@ _EXPORT = _SMALL | {
 
 REASONS: dict[str, dict[str, str]] = {
     "full": {
-        "plugins/shapes/reshaped.py:check": (
-            "Not built in: a force is a pressure times an area, which changes with the shape, and the law keeps the "
-            "areas of one shape. A law of ratios of forces, such as Coulomb's, needs none."
+        "plugins/shapes/reshaped.py:_check_areas": (
+            "Not built in: a force is a pressure times an area, which changes with the shape of the slave's body, and "
+            "the law keeps the areas of one shape. A law of ratios of forces, such as Coulomb's, needs none."
         ),
         "plugins/constraints/couplings.py:equations": (
             "A body of revolution has one rigid motion, along its axis: shifts and turns of the section are strains of "
@@ -83,16 +80,13 @@ REASONS: dict[str, dict[str, str]] = {
             "An equation between imposed displacements alone has no unknown: if their values break it, no displacement "
             "satisfies both."
         ),
-        "plugins/friction/pair_laws.py:check": (
-            "Not built in: the limit of a tangential force is a stress times an area, which changes with the shape."
-        ),
         "plugins/inelastic/outside.py:statement": (
             "Not built in: in plane stress the strain across is an unknown of the law, solved in UFL around it, and "
             "code outside of UFL is called for a whole strain."
         ),
-        "plugins/shapes/reshaped.py:_check_unmoved": (
-            "Not built in: coefficients of equations and moduli of beddings are places and areas, which move with the "
-            "shape, and T of U = T V + L theta is that of all points."
+        "plugins/shapes/reshaped.py:_check_constraints": (
+            "Not built in: means over a surface and rigid motions have areas and places as coefficients, which move "
+            "with the shape, and T of U = T V + L theta is that of all points."
         ),
         "plugins/shapes/reshaped.py:check_still": (
             "Gaps are sums D theta, with a column for each term. The gap of a node to a curved surface is nonlinear in "

@@ -198,6 +198,7 @@ class Scene(KnownArguments):
             raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
         for body in self.bodies:
             body.check(self.parameters, self.hypothesis)
+        _ = self.reader  # laws of several plug-ins are refused here
         self._check_system()
         self._check_shapes()
         if not self.contacts:

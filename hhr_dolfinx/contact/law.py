@@ -104,8 +104,8 @@ class ContactLaw:
     # whether its increments solve for the motions of bodies that contact alone holds; scenes with such bodies are
     # refused otherwise
     floats: ClassVar[bool] = False
-    # whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with such shapes are
-    # refused otherwise
+    # whether it holds where areas of its contacts depend on parameters, on bodies with such shapes; scenes with them
+    # are refused otherwise
     reshapes: ClassVar[bool] = False
 
     fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.system import System, system_of
 from hhr_dolfinx.loads import Term
@@ -38,9 +37,6 @@ class StillMesh:
     def measure(self, dx: ufl.Measure) -> ufl.Measure:
         """Measure of cells for their stiffness."""
         return dx
-
-    def check(self, law: ContactLaw) -> None:
-        """Raise SceneError for a law of contacts that does not suit the shapes."""
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
         """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""

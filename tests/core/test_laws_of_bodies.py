@@ -34,7 +34,12 @@ def check_body(body):
         raise SceneError(f"body {body.tag} ages, and is graded: not built in")
 
 
-SCENES = SimpleNamespace(check_body=check_body, check_scene=lambda scene: None, parameters_of=lambda law: set())
+SCENES = SimpleNamespace(
+    check_body=check_body,
+    check_hypothesis=lambda law, hypothesis: None,
+    linear_stress=lambda law: None,
+    parameters_of=lambda law: set(),
+)
 """Facet ``scene``."""
 
 

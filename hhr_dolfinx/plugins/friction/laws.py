@@ -94,7 +94,6 @@ class Friction(ContactLaw, Rebuilt):
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
     floats: ClassVar[bool] = True
-    reshapes: ClassVar[bool] = True
 
     normal: Annotated[Integers, "frictional"]  # row of the pressure of each contact, (C,)
     area: Annotated[Floats, "frictional"]  # its tributary area, (C,)
@@ -113,6 +112,11 @@ class Friction(ContactLaw, Rebuilt):
     twice: Annotated[Integers, "said twice"]
     """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes repeat, as in
     corners, and rows along which all nodes are imposed, whose slip is given."""
+
+    @property
+    def reshapes(self) -> bool:  # type: ignore[override]
+        """True without limits of a shear stress: these times an area are forces."""
+        return all(law.limit is None for law in self.laws)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Missing or unsorted rows."""

@@ -47,11 +47,6 @@ class _Tangential(KnownArguments, PairLaw):
                 f"forces, no angle and no percentage{angle}",
                 SceneWarning,
             )
-        if scene.shapes and self.limit is not None:
-            raise SceneError(
-                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, "
-                "and with it their areas: that is not built in. Give Coulomb's coefficient alone"
-            )
 
     @classmethod
     def attached(

@@ -14,7 +14,6 @@ from dolfinx import fem
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
-from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotOfferedError, PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples, coordinate_names
@@ -121,6 +120,7 @@ class Reshaped(StillMesh):
         self._middle = scene.parameters.middle
         mesh.geometry.x[:] = self.coordinates(self._middle)
         self._base: ContactProblem | None = None
+        self._springs: np.ndarray | None = None  # dofs that have one, (N,)
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
@@ -222,45 +222,69 @@ class Reshaped(StillMesh):
         kind, order = self._owner.cells_and_order
         return dx(degree=stiffness_degree(kind, self._owner.scene.hypothesis, order))
 
-    def check(self, law: ContactLaw) -> None:
-        """See :class:`StillMesh`."""
-        if not law.reshapes:
-            raise SceneError(
-                f"contacts of scene '{self._owner.scene.name}' have {law.name}, and shapes depend on parameters: that "
-                "is not built in for this law"
-            )
-
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """Attach the base problem, that of the middle of the box, whose order the others have.
 
-        SceneError for constraints or springs that act on a body whose shape depends on parameters, or if contact alone
-        holds it.
+        SceneError if contact alone holds a body whose shape depends on parameters, for a law that reads areas on its
+        surface, and for constraints whose coefficients change with it.
         """
-        self._check_unmoved(problem)
+        self._check_held(problem)
+        self._check_areas(problem)
         self._base = replace(problem, reshaped=self)
+        springs = self._owner.springs
+        self._springs = None if springs is None else springs != 0
         terms = sum(term.data.nbytes for term in problem.stiffness_terms) + problem.node_mass.data.nbytes
         # tables of forces, fields and outputs use the same shapes, which take seconds to assemble and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
+        self._check_constraints(problem)
         return self._base
 
-    def _check_unmoved(self, problem: ContactProblem) -> None:
-        """Equations, springs and rigid motions of a mesh that moves would depend on its shape."""
-        coupling = problem.prolongation.map
-        springs = self._owner.springs
+    def _check_held(self, problem: ContactProblem) -> None:
+        """Rigid motions of a body whose shape depends on parameters would depend on it too."""
+        if problem.kernel is None:
+            return
+        rigid = np.abs(np.hstack([problem.kernel.motions, problem.kernel.idle])).max(axis=1)
         moved = np.repeat(self._moving_nodes(), problem.block_size)
-        acting = {
-            "constraints": np.zeros(moved.size, bool) if coupling is None else _coupled(coupling),
-            "springs": np.zeros(moved.size, bool) if springs is None else springs != 0,
-        }
-        if problem.kernel is not None:
-            rigid = np.abs(np.hstack([problem.kernel.motions, problem.kernel.idle])).max(axis=1)
-            acting["contacts that alone hold a body"] = rigid > CLOSE * rigid.max()
-        for what, dofs in acting.items():
-            if (dofs & moved).any():
-                raise SceneError(
-                    f"{what} of scene '{self._owner.scene.name}' act on a body whose shape depends on parameters: that "
-                    "is built in for bodies that keep their shape"
-                )
+        if (moved & (rigid > CLOSE * rigid.max())).any():
+            raise SceneError(
+                f"contacts that alone hold a body of scene '{self._owner.scene.name}' act on one whose shape depends "
+                "on parameters: that is built in for bodies that keep their shape"
+            )
+
+    def _check_constraints(self, problem: ContactProblem) -> None:
+        """Raise SceneError for constraints whose coefficients depend on shapes, by the shape of a corner of the box."""
+        coupling = problem.prolongation.map
+        moved = np.repeat(self._moving_nodes(), problem.block_size)
+        if coupling is not None and (moved & _coupled(coupling)).any():
+            try:
+                self(np.array(problem.parameters.lower))
+            except ShapeError as error:
+                raise SceneError(f"scene '{self._owner.scene.name}', {error}") from None
+
+    def _check_springs(self, problem: ContactProblem, point: np.ndarray) -> None:
+        """ShapeError for springs that choose other nodes by their places on the current mesh."""
+        if self._springs is None or (springs := self._owner.springs) is None:
+            return
+        if not np.array_equal(springs != 0, self._springs):
+            raise ShapeError(
+                f"at {problem.parameters.described(point)} springs are at other nodes than in the middle of the box: "
+                "their places move with the shape. Name them by a facet tag, or by places that stay"
+            )
+
+    def _check_areas(self, problem: ContactProblem) -> None:
+        """A law that reads areas keeps those of one shape: slave surfaces with such a law must keep theirs."""
+        law = problem.law
+        if not law.plugin or law.reshapes:
+            return
+        scene = self._owner.scene
+        with_law = [place for place, own in enumerate(scene.laws) if own is not None]
+        slaves = problem.contact_slaves[np.isin(problem.contact_pairs, with_law)]
+        if self._moving_nodes()[slaves].any():
+            raise SceneError(
+                f"contacts of scene '{scene.name}' have {law.name}, which reads the areas of slave nodes, and these "
+                "are on a body whose shape depends on parameters: areas of one shape are kept. Make the surface of "
+                "the body that keeps its shape the slave"
+            )
 
     def touching(self) -> ContactProblem:
         """See :class:`~hhr_dolfinx.contact.problem.Reshaping`; by shapes in corners of the box."""
@@ -305,6 +329,7 @@ class Reshaped(StillMesh):
             raise ShapeError(fault)
         with self.at(point), ignored(PairingWarning):  # the warning was shown when the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
+            self._check_springs(problem, point)
         assert self._base is not None
         return self._ordered(problem, self._base, point)
 
@@ -317,6 +342,12 @@ class Reshaped(StillMesh):
             raise ShapeError(
                 f"at {base.parameters.described(point)} other nodes are in contact than in the middle of the box: the "
                 "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
+            )
+        if not _alike(base.prolongation.map, problem.prolongation.map):
+            raise ShapeError(
+                f"at {base.parameters.described(point)} coefficients of constraints are others than in the middle of "
+                "the box: means over surfaces, and rigid motions, change with the shape of their bodies. That is built "
+                "in for bodies that keep their shape, and for equations between dofs"
             )
         for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
             line, other = (getattr(item, "positions", None) for item in (before, after))
@@ -376,3 +407,10 @@ def _coupled(coupling: csr_matrix) -> np.ndarray:
     dofs[rows[apart]] = True
     dofs[columns[apart]] = True
     return dofs
+
+
+def _alike(one: csr_matrix | None, other: csr_matrix | None) -> bool:
+    """True if two maps of dofs, or their absence, are the same up to round-off."""
+    if one is None or other is None:
+        return one is other
+    return bool(abs(one - other).max() <= CLOSE)

@@ -329,7 +329,7 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
     wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))
     for changes, why in (
         (free, r"contact alone holds bodies .* wear, does not solve for their motions"),
-        ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, and shapes depend on"),
+        ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, which reads the areas of slave nodes"),
     ):
         every = {**registry.installed(), "my_contact_law": toy_increments.PLUGIN}
         with monkeypatch.context() as patched, pytest.raises(SceneError, match=why):

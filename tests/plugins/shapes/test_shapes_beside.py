@@ -1,11 +1,13 @@
-"""Shapes beside constraints, springs and moving tools that act on bodies which keep their shape."""
+"""Shapes beside constraints, springs and moving tools, of which some act on the body that changes."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 from needs import needs
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError, ShapeError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
 POINTS = ([0.04, 0.02, 0.006], [0.05, 0.0, -0.005], [0.03, 0.03, 0.01])
@@ -27,6 +29,12 @@ def at_flank(x):
 PARTS = {
     "equation": {"constraints": (hhr.Equation(((at_flank(0.5), 0, 1.0), (at_flank(2.5), 0, -1.0))),)},
     "springs": {"loads": (hhr.Springs(side(SECOND, 0, True), 0, 1.0, bedding=True),)},
+    "bedding of the shape": {"loads": (hhr.Springs(side(FIRST, 0, True), 0, 1.0, bedding=True),)},
+    "equation of the shape": {
+        "constraints": (
+            hhr.Equation(((hhr.Nodes.near((0.0, 2 / 3)), 0, 1.0), (hhr.Nodes.near((3.0, 2 / 3)), 0, -1.0))),
+        )
+    },
     "tool": {"tools": (hhr.Circle(side(SECOND, 0, True), center=("3.495 - drag", 1.5), radius=1.0),)},
     "fixed tool at the shape": {"tools": (hhr.Circle(side(FIRST, 0, True), center=(3.998, 0.5), radius=1.0),)},
 }
@@ -87,12 +95,18 @@ def test_the_answer_is_that_of_a_mesh_of_this_shape(name):
 
 
 @needs("constraints", "nonmatching", "obstacles", "places")
-def test_what_acts_on_a_body_with_a_shape_is_refused_by_name():
-    corner = hhr.Equation(((hhr.Nodes.near((0.0, 0.5)), 0, 1.0), (hhr.Nodes.near((3.0, 0.5)), 0, -1.0)))
-    with pytest.raises(SceneError, match="constraints of scene 'crowned' act on a body whose shape depends"):
-        hhr.FullOrderModel(crowned(constraints=(corner,)))
-    with pytest.raises(SceneError, match="springs of scene 'crowned' act on a body whose shape depends"):
-        hhr.FullOrderModel(crowned(loads=(hhr.Springs(side(FIRST, 0, True), 0, 1.0),)))
+@pytest.mark.filterwarnings("ignore:4 of 10 nodes of slave surface")
+def test_what_changes_with_a_shape_is_refused_by_name():
+    rigid = hhr.RigidMotion(hhr.Nodes(lambda points: (points[0] > 2.5) & (points[1] > 0.2) & (points[1] < 1.1)))
+    with pytest.raises(SceneError, match="coefficients of constraints are others than in the middle"):
+        hhr.FullOrderModel(crowned(constraints=(rigid,)))
+    chosen = hhr.Nodes(lambda points: (points[1] > 0.996) & (points[1] < 1.001))
+    model = hhr.FullOrderModel(crowned(loads=(hhr.Springs(chosen, 0, 1.0),)))
+    with pytest.raises(ShapeError, match="springs are at other nodes than in the middle"):
+        model.solve(POINTS[2])
+    friction = hhr.NodeToSurface(side(FIRST, 1, True), side(SECOND, 1, False), law=hhr.Tresca(0.1))
+    with pytest.raises(SceneError, match="have friction, which reads the areas of slave nodes"):
+        hhr.FullOrderModel(dataclasses.replace(crowned(), contacts=(friction,)))
     tool = hhr.Circle(side(FIRST, 0, True), center=("4 - drag", 0.5), radius=1.0)
     with pytest.raises(NotOfferedError, match="contact 1 of scene 'crowned' is with a curved obstacle"):
         hhr.FullOrderModel(crowned(tools=(tool,)))
