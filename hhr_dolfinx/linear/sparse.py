@@ -28,7 +28,9 @@ of its size."""
 MOST_LAST = 7000
 """Largest count of dofs that are eliminated last: K^-1 between them takes 0.4 GB, and three times as much while it is
 made. With a million dofs, 7,786 of them last, a condensed model took about half of the time and over 1 GB more."""
-LOST, SURE, TRIES = 1e-3, 1e-6, 4
+LOST = 1e-3
+SURE = 1e-6
+TRIES = 4
 """Part of a known solution from which on its loss shows a singular K, part up to which it shows a regular one, and
 vectors that are tried between them."""
 LOW_RANK = ((150_000, 1e-10), (600_000, 1e-8))
