@@ -5,22 +5,19 @@ Every check is collective: all ranks get the same result, so that none waits for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from dolfinx import mesh as dmesh
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat, registry
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.body import laws_of_scenes
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning, rounded
+from hhr_dolfinx.errors import SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.group import Group
-from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
@@ -328,18 +325,3 @@ def conditions_with_unknowns(
             SceneWarning,
         )
     return np.flatnonzero(unknown)
-
-
-def check_regular(
-    problem: ContactProblem, stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray], scene: str
-) -> None:
-    """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always detect.
-
-    Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits with free rigid motions. ``solve`` is by the
-    factors of the local rows of K.
-    """
-    known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
-    found = problem.spread.whole(solve(stiffness @ known * problem.held[problem.rows]))
-    if not np.linalg.norm(found - known) <= 1e-3 * np.linalg.norm(known):
-        raise NotSolvableError(singular_stiffness(scene))

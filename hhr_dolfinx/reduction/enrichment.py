@@ -242,17 +242,21 @@ class _Table:
 
     @property
     def missing(self) -> np.ndarray:
-        """Directions that complete the range of B~, by the numerical rank, (m, missing)."""
+        """Directions that complete the range of B~, by the numerical rank, (m, missing).
+
+        A direction counts from the root of round-off on. Below, squares of singular values, by which candidates are
+        compared, are round-off, and so may the direction itself be: the least important mode of a POD has that of
+        answers over its singular value, up to 1e-9 with the usual tolerance.
+        """
         directions, values = self.spectrum
-        kappas = [self.problem.condition_number(value, values[0]) for value in values]
-        return directions[:, sum(map(math.isfinite, kappas)) :]
+        least = DISTINCT * max(values[0], self.problem.contact_norm)
+        return directions[:, int((values > least).sum()) :]
 
     @property
     def kappa(self) -> float:
-        """kappa(B~); infinite if rows are dependent to round-off."""
-        directions, values = self.spectrum
-        smallest = float(values[-1]) if len(directions) == values.size else 0.0
-        return self.problem.condition_number(smallest, float(values[0]))
+        """kappa(B~); infinite if directions are missing."""
+        values = self.spectrum[1]
+        return math.inf if self.missing.size else float(values[0] / values[-1])
 
 
 def _kappa(tables: list[_Table]) -> float:

@@ -104,6 +104,27 @@ def test_a_matrix_that_is_singular_between_them_is_refused():
         factors(np.arange(55, 85), csr_matrix(values))
 
 
+@pytest.mark.parametrize(("last", "ordering"), [(None, "mumps"), (LAST, "mumps"), (None, "qmd")])
+def test_pivots_of_either_sign_show_a_singular_matrix(last, ordering):
+    """Springs between points that nothing holds: the last pivot is round-off, and about half of them are positive.
+
+    With a spring of 1e-6 to the ground at one point the matrix is regular, and its condition is about 1e9.
+    """
+    free = np.ones(len(FREE), dtype=bool)
+    made = sparse.FreeCholesky(MATRIX, free, slice(0, free.size), "cube", ordering, MPI.COMM_SELF, last=last)
+    one, other = triu(MATRIX, 1).nonzero()
+    for seed in range(20):
+        modulus = np.random.default_rng(seed).uniform(1.0, 2.0, one.size)
+        coupled = csr_matrix((modulus, (one, other)), shape=MATRIX.shape)
+        coupled = coupled + coupled.T
+        loose = csr_matrix(diags(np.asarray(coupled.sum(axis=1)).ravel()) - coupled)
+        with pytest.raises(NotSolvableError, match="singular"):
+            made.refactor(loose)
+        held = csr_matrix(loose + csr_matrix(([1e-6], ([0], [0])), shape=loose.shape))
+        made.refactor(held)
+        assert made.solve(held @ np.ones(free.size)) == pytest.approx(1.0, abs=1e-5)
+
+
 @needs("elasticity")
 def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
     make = lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})  # noqa: E731

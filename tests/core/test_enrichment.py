@@ -94,6 +94,27 @@ def test_choices_know_no_units(hertz, few_modes, enriched):
     assert enriched.kappas[-1] == pytest.approx(other.kappas[-1], rel=1e-9)
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-14, 1e-12, 1e-10, -1e-12])
+def test_choices_know_no_round_off(hertz, few_modes, size):
+    """The least important mode of a POD has round-off of answers over its singular value, which is no direction.
+
+    Modes with such parts along all functions of the contact have B~ of full rank to 1e-13, and choices were by noise.
+    """
+    basis, sets = few_modes
+    movable = hertz.problem.free[:, None]
+    # as many columns as rows of B~, most of which do no work on the contact but for the noise
+    still = np.random.default_rng(0).standard_normal((len(basis), len(sets.A_lambda) - basis.shape[1])) * movable
+    still[np.unique(hertz.problem.contact.indices)] = 0.0
+    clean = np.linalg.qr(np.hstack([basis, still]))[0]
+    moved = np.random.default_rng(1).standard_normal(clean.shape) * movable
+    known, found = (
+        enrich(hertz.problem, one, sets, kappa_max=5.0) for one in (clean, np.linalg.qr(clean + size * moved)[0])
+    )
+    assert found.added.tolist() == known.added.tolist()
+    assert found.kappas == pytest.approx(known.kappas, rel=1e-6)
+    assert math.isinf(known.kappas[0]) and math.isfinite(known.kappas[-1])
+
+
 def test_everything_added_or_a_stall_is_said(hertz, few_modes):
     found = enrich(hertz.problem, *few_modes, kappa_max=1.0)
     assert found.stalled or len(found.added) == len(few_modes[1].A_lambda)

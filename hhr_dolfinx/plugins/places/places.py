@@ -14,11 +14,14 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude
 from hhr_dolfinx.declared import KnownArguments
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, check_tag, is_number, is_whole
+
+SAME = 1e-9
+"""Part of the size of a mesh up to which distances differ by round-off, as those of nodes at one place."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ class Nodes(KnownArguments):
 
     @classmethod
     def near(cls, point: Sequence[float]) -> Nearest:
-        """The one node that is nearest to a point, (dim,)."""
+        """The one node that is nearest to a point, (dim,); several that are equally near are refused."""
         return Nearest(point)  # type: ignore[arg-type]
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
@@ -71,10 +74,19 @@ class Nearest:
             raise SceneError(f"Nodes.near{self.point} needs finite coordinates")
 
     def nodes(self, points: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a point of another dimension."""
+        """See :class:`~hhr_dolfinx.parameters.Place`; SceneError for a point of another dimension, or several nodes."""
         if len(self.point) != points.shape[1]:
             raise SceneError(f"Nodes.near{self.point} must have {points.shape[1]} coordinates, as the mesh")
-        return np.linalg.norm(points - self.point, axis=1).argmin(keepdims=True)
+        away = np.linalg.norm(points - self.point, axis=1)
+        near = np.flatnonzero(away <= away.min() + SAME * np.ptp(points, axis=0).max())
+        if len(near) > 1:
+            raise SceneError(
+                f"{len(near)} nodes are equally near to Nodes.near{self.point}, at "
+                f"{', '.join(str(rounded(place)) for place in points[near])}: round-off "
+                "would choose. Give a point next to one of them; where bodies have nodes at one place, another place, "
+                "or a set of nodes of the file of the mesh"
+            )
+        return near
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,8 @@ def block_on_a_floor(law, *, held):
     over, bottom = blocks.UPPER, blocks.interface(blocks.UPPER, 2)
     made = lying(bulge=0.0, cells=(4, 4))
     lower, upper = made.bodies
-    clamp = hhr.Displacement(bottom, 1), hhr.Displacement(hhr.Nodes.near((0.5, _height())), 0)
+    # on the axis of symmetry; both blocks have a node at its foot
+    clamp = hhr.Displacement(bottom, 1), hhr.Displacement(hhr.Nodes.near((0.5, 2.0)), 0)
     top = blocks.outer_end(over, 2)
     return replace(
         made,

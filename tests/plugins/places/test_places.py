@@ -191,3 +191,23 @@ def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
     if present("stress"):  # that of the block, and not of its bed
         outputs = hhr.FullOrderModel(replace(scene, outputs=(hhr.ElasticEnergy("energy"),))).outputs(0.8)
         assert outputs["energy"] == pytest.approx(0.8**2 / (2 * 100.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-15, -1e-15])
+def test_the_nearest_of_several_is_refused(off):
+    """Two bodies have nodes at one place, and round-off of their coordinates chose which of them was held."""
+    points = np.array([(0.0, 1.0), (0.5, 1.0 + off), (1.0, 1.0), (0.5, 1.0), (0.5, 2.0)])
+    for place in ((0.5, 1.0), (0.4, 1.1), (0.25, 1.0)):  # the last one is in the middle of three
+        with pytest.raises(SceneError, match="nodes are equally near"):
+            hhr.Nodes.near(place).nodes(points)
+    for place, found in (((0.5, 1.5 + 1e-6), 4), ((0.25 - 1e-6, 1.0), 0), ((0.75 + 1e-6, 1.0), 2)):
+        assert hhr.Nodes.near(place).nodes(points).tolist() == [found]
+
+
+@needs("elasticity")
+def test_the_node_between_contacts_is_refused_in_a_scene():
+    from scenes import lying
+
+    scene = lying(bulge=0.0, cells=(4, 2), loads=(hhr.NodalForce(hhr.Nodes.near((0.5, 1.0)), (0.0, -1.0), "p"),))
+    with pytest.raises(SceneError, match=r"2 nodes are equally near to Nodes.near\(0.5, 1.0\)"):
+        hhr.FullOrderModel(scene)
