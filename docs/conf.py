@@ -36,12 +36,6 @@ nb_execution_timeout = 300
 nb_merge_streams = True
 
 autodoc_default_options = {"members": True}
-autodoc_mock_imports = [
-    "openturns",
-    "pymor",
-    "pydantic",
-    "tesseract_core",
-]  # the site describes doors to programs that are not here
 autodoc_typehints = "none"  # signatures say enough
 autodoc_member_order = "bysource"
 napoleon_use_ivar = True

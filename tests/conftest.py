@@ -44,7 +44,7 @@ NEEDING = {
     "core/test_outputs.py": ("stress",),
     "plugins/differences/test_fitted_forces.py": ("paths",),
     "plugins/differences/test_output_bounds.py": ("stress",),
-    "plugins/doors/test_doors.py": ("moduli",),
+    "plugins/um_bridge/test_um_bridge.py": ("moduli",),
     "plugins/friction/test_flowing_friction.py": ("inelastic",),
     "plugins/greedy/test_restriction.py": ("mortar",),
     "plugins/exporters/test_deck.py": ("nonmatching",),

@@ -52,7 +52,6 @@ if present("tables"):
     ELASTIC += "assert callable(hhr.answer_points)\n"
 
 NEEDED = {
-    "doors": "import hhr_dolfinx.plugins.doors.open_turns",
     "mesh": "import hhr_dolfinx.geometries.hertz_half_discs",
     "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
     "study": "import hhr_dolfinx.command.console",
@@ -81,11 +80,10 @@ def test_an_elastic_scene_needs_none_of_the_extras_and_all_that_is_required(tmp_
 def test_everything_optional_has_its_extra():
     assert OPTIONAL.keys() == NEEDED.keys()
     (everything,) = EXTRAS["all"]
-    # other programs are 250 MB, of use to those who have them
-    assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == OPTIONAL.keys() - {"doors"}
+    assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == OPTIONAL.keys()
 
 
-OF_PLUGINS = {"doors": "doors", "local": "local", "mortar": "mortar", "pictures": "checks", "tables": "tables"}
+OF_PLUGINS = {"local": "local", "mortar": "mortar", "pictures": "checks", "tables": "tables"}
 """Extras of plug-ins alone."""
 
 

@@ -112,8 +112,7 @@ def test_commands_of_the_docs_run_in_order_in_one_folder(tmp_path, monkeypatch):
 
 
 ELSEWHERE = {
-    "hhr serve model.npz --port 4242": "tests/plugins/doors/test_doors.py::test_a_server_of_um_bridge",
-    "hhr dakota model.npz params.in results.out": "tests/plugins/doors/test_doors.py::test_an_evaluation_of_dakota",
+    "hhr serve model.npz --port 4242": "tests/plugins/um_bridge/test_um_bridge.py::test_a_server_of_um_bridge",
     "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (  # refused for the obstacle of this scene
         "tests/plugins/exporters/test_deck.py::test_a_deck_is_the_scene_again_and_calculix_agrees"
     ),
@@ -222,7 +221,7 @@ def test_targets_and_scripts_that_a_page_names_are_there(page):
         assert (ROOT / script).exists(), script
 
 
-@needs("checks", "decks", "doors", "exporters", "one_call", "pages", "paths", "studies", "tables")
+@needs("checks", "decks", "exporters", "one_call", "pages", "paths", "studies", "tables", "um_bridge")
 def test_verbs_that_pages_name_are_those_of_the_command():
     """And each of them is run by one of the tests above, or by that of ELSEWHERE."""
     pages = [line for page in (*PAGES, *OTHERS) for line in (*commands(page), *in_text(page))]

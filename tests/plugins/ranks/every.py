@@ -280,14 +280,6 @@ def answered(work):
     return csv_numbers(work.folder / "answers.csv")
 
 
-def by_dakota(work):
-    values = "".join(f"{value} {name}\n" for name, value in zip(work.full.parameters.names, POINT, strict=True))
-    end = "1 functions\n1 ASV_1:force\n0 derivative_variables\n0 analysis_components\n"
-    path = work.file_of("params.in", f"4 variables\n{values}{end}")
-    invoked("dakota", work.file, path, work.folder / "results.out")
-    return told((work.folder / "results.out").read_text())
-
-
 def written_by(name, ending, *words):
     """Entry of a command that writes a file: the numbers of its text."""
 
@@ -321,7 +313,6 @@ def reported(work):
 COMMANDS = {
     "answer": answered,
     "check": lambda work: [len(invoked("check", work.scene, "--picture", work.folder / "check.png")) > 0],
-    "dakota": by_dakota,
     "embed": written_by("embed", ".h"),
     "export": written_by("export", ".inp", *AT),
     "list": lambda work: [len(invoked("list"))],

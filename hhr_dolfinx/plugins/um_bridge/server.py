@@ -19,7 +19,6 @@ import numpy as np
 
 from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, ParameterError
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.plugins.doors.function import OutputFunction
 from hhr_dolfinx.version import __version__
 
 VERSION = 1.0
@@ -47,19 +46,29 @@ class RequestError(Exception):
 
 
 class Protocol:
-    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers."""
+    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers.
+
+    Clients see no warnings of Python: a point outside the training range is refused.
+    """
 
     def __init__(self, model: AnsweringModel, name: str = NAME):
+        if model.fields.functionals is None:
+            raise NotOfferedError(
+                "UM-Bridge needs numbers to hand out: name outputs in the scene, "
+                "Scene(..., outputs=(...,)), and build the model again"
+            )
         self.name = name
-        self.function = OutputFunction(model)
+        self.model = model
+        self.names = model.parameters.names
+        self.outputs = tuple(item.name for item in model.fields.functionals.items)
         # answers of inelastic bodies depend on a path, and have no derivatives
         slopes = model.equilibrium is None
         self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
             "/ModelInfo": lambda request: {"support": self.supported},
-            "/InputSizes": lambda request: {"inputSizes": [len(self.function.names)]},
-            "/OutputSizes": lambda request: {"outputSizes": [len(self.function.outputs)]},
-            "/Evaluate": lambda request: {"output": [self.function(self._point(request))[0].tolist()]},
+            "/InputSizes": lambda request: {"inputSizes": [len(self.names)]},
+            "/OutputSizes": lambda request: {"outputSizes": [len(self.outputs)]},
+            "/Evaluate": self._evaluate,
             "/Gradient": self._gradient,
             "/ApplyJacobian": self._jacobian,
         }
@@ -96,14 +105,19 @@ class Protocol:
         known = ", ".join(["/Info", *self.posted])
         return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
 
+    def _evaluate(self, request: Fields) -> Fields:
+        """Outputs at a point."""
+        found = self.model.outputs(self._point(request), outside="refuse")
+        return {"output": [[found[name] for name in self.outputs]]}
+
     def _gradient(self, request: Fields) -> Fields:
         """Weights of the outputs times the Jacobian."""
-        weights = _vector(request, "sens", len(self.function.outputs))
+        weights = _vector(request, "sens", len(self.outputs))
         return {"output": (weights @ self._slopes(request)).tolist()}
 
     def _jacobian(self, request: Fields) -> Fields:
         """The Jacobian times a direction."""
-        direction = _vector(request, "vec", len(self.function.names))
+        direction = _vector(request, "vec", len(self.names))
         return {"output": (self._slopes(request) @ direction).tolist()}
 
     def _slopes(self, request: Fields) -> np.ndarray:
@@ -111,13 +125,15 @@ class Protocol:
         for name in ("inWrt", "outWrt"):
             if request.get(name) != 0 or isinstance(request[name], bool):
                 raise _invalid(f"{name} = {_shown(request.get(name))} must be 0: there is one input and one output")
-        return self.function.jacobian(self._point(request))
+        found = self.model.outputs(self._point(request), gradient=True, outside="refuse").gradient
+        assert found is not None
+        return np.array([found[name] for name in self.outputs])
 
     def _point(self, request: Fields) -> np.ndarray:
         given = request.get("input")
         if not isinstance(given, list) or len(given) != 1:
-            raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.function.names}")
-        return _vector({"input[0]": given[0]}, "input[0]", len(self.function.names))
+            raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.names}")
+        return _vector({"input[0]": given[0]}, "input[0]", len(self.names))
 
 
 def _fields(body: bytes) -> Fields:
@@ -230,7 +246,7 @@ class Server(ThreadingHTTPServer):
     """Server of one model; ``serve_forever`` serves it until it is interrupted.
 
     Args:
-        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
+        model: of any kind. With friction or inelastic bodies, a point is one step from rest.
         host: address to listen on; the default accepts clients of this machine only.
         port: to listen on; 0 for any free one.
         name: of the model, for clients.

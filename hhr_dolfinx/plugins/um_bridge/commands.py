@@ -1,4 +1,4 @@
-"""Commands by which other programs query a model: serve, dakota."""
+"""Command by which other programs query a model: serve."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) 
     Clients of this machine alone reach it, unless --host says otherwise: it asks nobody for a password.
     """
     from hhr_dolfinx.command.loading import model_of
-    from hhr_dolfinx.plugins.doors.um_bridge import Server
+    from hhr_dolfinx.plugins.um_bridge.server import Server
 
     if (ranks := launched().size) > 1:
         raise NotOfferedError(f"one process serves a model, and {ranks} ranks were started: leave mpirun out")
@@ -36,20 +36,3 @@ def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) 
         click.echo(f"model '{name}' is served at {server.url}, until Ctrl-C")
         with suppress(KeyboardInterrupt):
             server.serve_forever()
-
-
-@click.command(epilog=examples("hhr dakota model.npz params.in results.out"))
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("parameters", type=click.Path(path_type=Path))
-@click.argument("results", type=click.Path(path_type=Path))
-@KNOWN
-@guarded
-def dakota(model: Path, parameters: Path, results: Path, known: tuple[str, ...]) -> None:
-    """Answer one evaluation of Dakota: analysis_drivers = 'hhr dakota model.npz' of its fork interface.
-
-    Its variables are parameters, its functions outputs of the scene, by their names; analytic gradients are exact.
-    """
-    from hhr_dolfinx.command.loading import model_of
-    from hhr_dolfinx.plugins.doors.dakota import answer_dakota
-
-    answer_dakota(model_of(model, known), parameters, results)
